@@ -1,0 +1,22 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Every tolerance that a test compares with, and the reason for its size.
+
+A test names its tolerance from here; none is written into a test. Relative where the name says so,
+else in the unit of what is compared.
+"""
+
+from __future__ import annotations
+
+# Metrics: float64 sums over at most a few million pixels; what is left is the rounding of one division.
+METRIC_RELATIVE = 1e-9
+
+# Camera solved from Position and Depth. Both are stored as float32: at 1e3 units from the origin a
+# pixel's position is known to 6e-5 units, which is below this for every frame that a test makes.
+SOLVED_POSE_PX = 0.02
+SOLVED_ROTATION = 1e-5
+
+# Normals: unit vectors rotated by a float32 matrix.
+UNIT_NORMAL = 1e-5
+
+# Half floats hold 11 bits of mantissa.
+HALF_RELATIVE = 2.0**-11
