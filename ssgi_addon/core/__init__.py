@@ -1,0 +1,9 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Arrays in, arrays out: the passes of screen-space global illumination on numpy alone."""
+
+from .camera import Camera
+from .environment import Environment
+from .gbuffer import GBuffer
+from .settings import DiffuseSettings, ReflectionSettings, Settings
+
+__all__ = ["Camera", "DiffuseSettings", "Environment", "GBuffer", "ReflectionSettings", "Settings"]

@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Every setting once: default, range, unit and help text.
+
+The Blender properties, the command-line options and the documentation are made from the metadata here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+
+def option(
+    default: Any,
+    help: str,
+    *,
+    label: str,
+    unit: str = "",
+    min: float | None = None,
+    max: float | None = None,
+    soft_max: float | None = None,
+    choices: Sequence[str] | None = None,
+) -> Any:
+    """Declare one setting of a settings dataclass."""
+    metadata = {
+        "label": label,
+        "help": help,
+        "unit": unit,
+        "min": min,
+        "max": max,
+        "soft_max": soft_max,
+        "choices": None if choices is None else tuple(choices),
+    }
+    return field(default=default, metadata=metadata)
+
+
+def _validate(settings: Any) -> None:
+    """Raise ValueError for the first field whose value is of the wrong type or out of range."""
+    for item in fields(settings):
+        if not item.metadata:
+            continue
+        name, value, rule = f"{type(settings).__name__}.{item.name}", getattr(settings, item.name), item.metadata
+        if rule["choices"] is not None:
+            if value not in rule["choices"]:
+                raise ValueError(f"{name}: expected one of {', '.join(rule['choices'])}, got {value!r}")
+        elif isinstance(item.default, bool):
+            if not isinstance(value, bool):
+                raise ValueError(f"{name}: expected True or False, got {value!r}")
+        elif value is None:
+            if item.default is not None:
+                raise ValueError(f"{name}: expected a number, got None")
+        else:
+            _validate_number(name, value, rule, is_integer=isinstance(item.default, int) or item.default is None)
+
+
+def _validate_number(name: str, value: Any, rule: Any, *, is_integer: bool) -> None:
+    kind = int if is_integer else (int, float)
+    if isinstance(value, bool) or not isinstance(value, kind) or math.isnan(value):
+        raise ValueError(f"{name}: expected {'an integer' if is_integer else 'a number'}, got {value!r}")
+    if rule["min"] is not None and value < rule["min"]:
+        raise ValueError(f"{name}: expected at least {rule['min']}, got {value!r}")
+    if rule["max"] is not None and value > rule["max"]:
+        raise ValueError(f"{name}: expected at most {rule['max']}, got {value!r}")
+
+
+@dataclass(frozen=True)
+class ReflectionSettings:
+    """Screen-space reflections: the glossy indirect light."""
+
+    enabled: bool = option(True, "Trace reflection rays", label="Reflections")
+    method: str = option(
+        "hierarchical",
+        "How rays walk the depth buffer; both find the same hits, the hierarchical walk is faster",
+        label="Method",
+        choices=("linear", "hierarchical"),
+    )
+    rays: int = option(
+        4, "Reflection rays per pixel; mirrors always take one exact ray", label="Rays", unit="rays/pixel", min=1, max=4096, soft_max=64
+    )
+    filter: bool = option(
+        True, "Smooth the noise of rough reflections along surfaces; mirrors stay untouched", label="Denoise"
+    )
+
+    def __post_init__(self) -> None:
+        _validate(self)
+
+
+@dataclass(frozen=True)
+class DiffuseSettings:
+    """Screen-space directional occlusion: the diffuse indirect light and the visibility."""
+
+    enabled: bool = option(True, "Trace diffuse rays", label="Diffuse")
+    method: str = option(
+        "hemisphere",
+        "How the hemisphere above each pixel is sampled",
+        label="Method",
+        choices=("hemisphere",),
+    )
+    rays: int = option(
+        16, "Directions over the hemisphere per pixel", label="Rays", unit="rays/pixel", min=1, max=4096, soft_max=128
+    )
+    bounces: int = option(
+        3,
+        "How often light is reflected before it reaches the visible surface; 1 is light that was reflected once",
+        label="Bounces",
+        min=1,
+        max=64,
+        soft_max=8,
+    )
+    filter: bool = option(True, "Smooth the noise of few rays along surfaces", label="Denoise")
+
+    def __post_init__(self) -> None:
+        _validate(self)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All settings of `render_indirect`; frozen, so `dataclasses.replace` makes variants."""
+
+    reflections: ReflectionSettings = field(default_factory=ReflectionSettings)
+    diffuse: DiffuseSettings = field(default_factory=DiffuseSettings)
+    unknown: str = option(
+        "environment",
+        "What a sample brings that the frame cannot answer: the environment's light, nothing, or the mean of the answered ones",
+        label="Unknown",
+        choices=("environment", "nothing", "mean"),
+    )
+    thickness: float = option(
+        0.1,
+        "Depth behind a visible surface that counts as solid, relative to its distance from the camera "
+        "(orthographic: to the width of the view), where no thickness was captured",
+        label="Thickness",
+        min=0.0,
+        max=1e6,
+        soft_max=1.0,
+    )
+    max_distance: float = option(
+        math.inf, "How far rays reach, in scene units", label="Distance", unit="scene units", min=0.0
+    )
+    seed: int = option(0, "Seed of the sampling pattern", label="Seed", min=0, max=2**31 - 1)
+    threads: int | None = option(
+        None, "Worker threads; empty means all cores. Never changes a result", label="Threads", min=1, max=1024
+    )
+
+    def __post_init__(self) -> None:
+        for name, kind in (("reflections", ReflectionSettings), ("diffuse", DiffuseSettings)):
+            if not isinstance(getattr(self, name), kind):
+                raise ValueError(f"Settings.{name}: expected {kind.__name__}, got {getattr(self, name)!r}")
+        _validate(self)
+
+    @classmethod
+    def preset(cls, name: str) -> Settings:
+        """Return one of the named points between speed and accuracy.
+
+        Parameters
+        ----------
+        name
+            ``"draft"``, ``"balanced"`` or ``"final"``.
+
+        Raises
+        ------
+        ValueError
+            If there is no such preset.
+        """
+        if name not in PRESETS:
+            raise ValueError(f"preset: expected one of {', '.join(PRESETS)}, got {name!r}")
+        rays_diffuse, rays_glossy, bounces = PRESETS[name]
+        base = cls()
+        return replace(
+            base,
+            diffuse=replace(base.diffuse, rays=rays_diffuse, bounces=bounces),
+            reflections=replace(base.reflections, rays=rays_glossy),
+        )
+
+
+# Diffuse rays, reflection rays, bounces.
+PRESETS = {"draft": (4, 1, 2), "balanced": (16, 4, 3), "final": (64, 16, 4)}
