@@ -1,0 +1,234 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Multilayer EXR files and dictionaries of arrays.
+
+Written are single-part files whose channels are ``ssgi.<layer>.<channel>``: the one layout that
+Blender's Image node splits into a socket per layer in 4.5 and in 5.x alike. Read is also what Blender
+writes: one part with short names in 4.5 (``ViewLayer.DiffCol.R``), a part per pass with long names
+in 5.x (``ViewLayer.Diffuse Color.R``).
+
+The OpenEXR package does the work; where no wheel of it fits, Blender's own OpenImageIO does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from .errors import SSGIError
+from .exr_header import PartHeader, read_headers
+from .files import replacing
+
+FloatArray = np.ndarray[Any, np.dtype[np.float32]]
+
+PREFIX = "ssgi"
+CHANNEL_ORDER = "RGBXYZUVWA"
+
+# Blender 4.5 and older wrote these short names; the passes are known by the long ones everywhere else.
+LONG_NAMES = {
+    "AO": "Ambient Occlusion",
+    "DiffCol": "Diffuse Color",
+    "DiffDir": "Diffuse Direct",
+    "DiffInd": "Diffuse Indirect",
+    "Emit": "Emission",
+    "Env": "Environment",
+    "GlossCol": "Glossy Color",
+    "GlossDir": "Glossy Direct",
+    "GlossInd": "Glossy Indirect",
+    "IndexMA": "Material Index",
+    "IndexOB": "Object Index",
+    "TransCol": "Transmission Color",
+    "TransDir": "Transmission Direct",
+    "TransInd": "Transmission Indirect",
+    "VolumeDir": "Volume Direct",
+    "VolumeInd": "Volume Indirect",
+}
+
+Pixels = dict[str, FloatArray]
+
+
+def write_layers(
+    path: Path | str, layers: Mapping[str, FloatArray], metadata: Mapping[str, str] | None = None
+) -> None:
+    """Write arrays as the layers of one EXR file, losslessly, in 32-bit float.
+
+    Parameters
+    ----------
+    path
+        The file; an older one is replaced at the very end, in one step.
+    layers
+        ``(H, W, 3)`` arrays become channels R, G, B and ``(H, W)`` arrays channel V, all of one size.
+    metadata
+        Text attributes of the file.
+
+    Raises
+    ------
+    SSGIError
+        If the file cannot be written.
+    ValueError
+        If there is no layer, or shapes or names do not fit together.
+    """
+    channels = _split_channels(layers)
+    write = _write_openexr if _openexr() is not None else _write_openimageio
+    with replacing(Path(path)) as temporary:
+        write(temporary, channels, dict(metadata or {}))
+
+
+def read_layers(path: Path | str) -> Pixels:
+    """Read every layer of an EXR file.
+
+    Passes of Blender get their long names, whatever Blender wrote them. With several view layers in a
+    file the keys are ``<view layer>.<pass>``, with one the pass names alone. Nameless channels R, G, B
+    are the pass ``Combined``, a nameless Z is ``Depth``; a fourth channel beside R, G, B is left out.
+
+    Returns
+    -------
+    dict
+        ``(H, W)`` for one channel, ``(H, W, n)`` in the order R G B, X Y Z or U V W for more. float32,
+        top row first, in the file's display window; pixels outside its data window are 0.
+
+    Raises
+    ------
+    SSGIError
+        If the file is missing, damaged, cut short, of absurd size, or holds no flat image.
+    """
+    path = Path(path)
+    headers = read_headers(path)
+    read = _read_openexr if _openexr() is not None else _read_openimageio
+    parts = read(path)
+    if len(parts) != len(headers) or any(set(h.channels) - p.keys() for h, p in zip(headers, parts)):
+        raise SSGIError(f"cannot read {path}: its pixels are damaged; write the file again")
+    sizes = {header.display_window for header in headers}
+    if len(sizes) > 1:
+        raise SSGIError(f"cannot read {path}: its parts differ in size; write them to files of their own")
+    channels: Pixels = {}
+    for header, pixels in zip(headers, parts):
+        for name, values in pixels.items():
+            channels[name] = _in_display_window(np.asarray(values, np.float32), header)
+    return _join_channels(channels)
+
+
+def _split_channels(layers: Mapping[str, FloatArray]) -> Pixels:
+    channels = {}
+    for name, values in layers.items():
+        shape = np.shape(values)
+        letters = {2: "V", 3: "RGB"}.get(len(shape), "")
+        if not letters or (len(shape) == 3 and shape[2] != 3):
+            raise ValueError(f"layer {name!r}: expected (H, W) or (H, W, 3), got {shape}")
+        planes = np.asarray(values, np.float32).reshape(shape[0], shape[1], len(letters))
+        for index, letter in enumerate(letters):
+            channels[f"{PREFIX}.{name}.{letter}"] = np.ascontiguousarray(planes[..., index])
+    if len({plane.shape for plane in channels.values()}) != 1:
+        raise ValueError(f"layers: expected one size for all, got {[np.shape(v) for v in layers.values()]}")
+    return channels
+
+
+def _join_channels(channels: Pixels) -> Pixels:
+    """Group ``layer.pass.channel`` planes into arrays; a layer's name may hold dots."""
+    groups: dict[tuple[str, str], Pixels] = {}
+    for name, plane in channels.items():
+        stem, _, letter = name.rpartition(".")
+        layer, _, pass_name = stem.rpartition(".")
+        if not pass_name:
+            pass_name = "Depth" if letter == "Z" else "Combined"
+        groups.setdefault((layer, LONG_NAMES.get(pass_name, pass_name)), {})[letter] = plane
+    several = len({layer for layer, _ in groups}) > 1
+    return {
+        f"{layer}.{pass_name}" if several and layer else pass_name: _stack(planes)
+        for (layer, pass_name), planes in groups.items()
+    }
+
+
+def _stack(planes: Pixels) -> FloatArray:
+    letters: Iterable[str] = "RGB" if set("RGB") <= planes.keys() else sorted(planes, key=_channel_rank)
+    stacked = [planes[letter] for letter in letters]
+    return stacked[0] if len(stacked) == 1 else np.stack(stacked, axis=-1)
+
+
+def _channel_rank(letter: str) -> tuple[int, str]:
+    rank = CHANNEL_ORDER.find(letter)
+    return (len(CHANNEL_ORDER) if rank < 0 else rank, letter)
+
+
+def _in_display_window(plane: FloatArray, header: PartHeader) -> FloatArray:
+    if header.data_window == header.display_window:
+        return np.ascontiguousarray(plane)
+    left, top, right, bottom = header.display_window
+    x, y = header.data_window[0] - left, header.data_window[1] - top
+    width, height = right - left + 1, bottom - top + 1
+    placed = np.zeros((height, width), np.float32)
+    inner = plane[max(-y, 0) : height - y, max(-x, 0) : width - x]
+    placed[max(y, 0) : max(y, 0) + inner.shape[0], max(x, 0) : max(x, 0) + inner.shape[1]] = inner
+    return placed
+
+
+def _openexr() -> ModuleType | None:
+    try:
+        import OpenEXR
+    except ImportError:
+        return None
+    # Before 3.3 the package of this name had another interface.
+    return OpenEXR if hasattr(OpenEXR, "File") else None
+
+
+def _openimageio() -> ModuleType:
+    """Blender's OpenImageIO; the official executable has it at hand, the bpy module after a call."""
+    try:
+        import bpy
+
+        bpy.utils.expose_bundled_modules()
+        import OpenImageIO
+    except ImportError as error:
+        raise SSGIError("nothing here reads EXR files: pip install OpenEXR") from error
+    return OpenImageIO
+
+
+def _read_openexr(path: Path) -> list[Pixels]:
+    module = _openexr()
+    assert module is not None
+    try:
+        file = module.File(str(path), separate_channels=True)
+    except (RuntimeError, ValueError, TypeError) as error:
+        raise SSGIError(f"cannot read {path}: {error}; write the file again") from error
+    return [{name: channel.pixels for name, channel in part.channels.items()} for part in file.parts]
+
+
+def _write_openexr(path: Path, channels: Pixels, metadata: dict[str, str]) -> None:
+    module = _openexr()
+    assert module is not None
+    header = {**metadata, "compression": module.ZIP_COMPRESSION, "type": module.scanlineimage}
+    try:
+        module.File(header, channels).write(str(path))
+    except RuntimeError as error:
+        raise OSError(str(error)) from error
+
+
+def _read_openimageio(path: Path) -> list[Pixels]:
+    source = _openimageio().ImageInput.open(str(path))
+    parts: list[Pixels] = []
+    while source is not None and source.seek_subimage(len(parts), 0):
+        names = source.spec().channelnames
+        pixels = source.read_image("float")
+        if pixels is None:
+            raise SSGIError(f"cannot read {path}: {source.geterror()}; write the file again")
+        parts.append({name: pixels[..., index] for index, name in enumerate(names)})
+    return parts
+
+
+def _write_openimageio(path: Path, channels: Pixels, metadata: dict[str, str]) -> None:
+    module = _openimageio()
+    names = sorted(channels)
+    height, width = channels[names[0]].shape
+    spec = module.ImageSpec(width, height, len(names), "float")
+    spec.channelnames = tuple(names)
+    spec.attribute("compression", "zip")
+    for key, value in metadata.items():
+        spec.attribute(key, value)
+    # The temporary name does not end in .exr, so the format is named here.
+    target = module.ImageOutput.create("exr")
+    pixels = np.stack([channels[name] for name in names], axis=-1)
+    if not (target.open(str(path), spec) and target.write_image(pixels) and target.close()):
+        raise OSError(target.geterror())
