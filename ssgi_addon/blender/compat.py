@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Every difference between Blender versions, one function each."""
+
+from __future__ import annotations
+
+import bpy
+
+
+def compositor_tree(scene: bpy.types.Scene) -> bpy.types.NodeTree | None:
+    """Return the compositor's node tree of `scene`, None where it has none."""
+    if bpy.app.version >= (5, 0, 0):
+        return scene.compositing_node_group
+    return scene.node_tree
+
+
+def is_compositor_in_use(scene: bpy.types.Scene) -> bool:
+    """Whether a render of `scene` goes through its compositor tree, post processing being on."""
+    if bpy.app.version >= (5, 0, 0):
+        return scene.compositing_node_group is not None
+    return scene.use_nodes and scene.node_tree is not None
+
+
+def compositor_outputs(tree: bpy.types.NodeTree) -> list[bpy.types.NodeSocket]:
+    """Return the input sockets whose image becomes the picture of the render."""
+    if bpy.app.version >= (5, 0, 0):
+        ends = [node for node in tree.nodes if node.bl_idname == "NodeGroupOutput" and node.is_active_output]
+        # The first colour of the group's interface is the picture; others are further outputs.
+        images = [[socket for socket in node.inputs if socket.bl_idname == "NodeSocketColor"] for node in ends]
+        return [sockets[0] for sockets in images if sockets]
+    return [node.inputs["Image"] for node in tree.nodes if node.bl_idname == "CompositorNodeComposite"]
+
+
+def new_compositor_tree(scene: bpy.types.Scene) -> tuple[bpy.types.NodeTree, list[bpy.types.NodeSocket]]:
+    """Give `scene` a compositor tree that holds one output node; return both tree and output."""
+    if bpy.app.version >= (5, 0, 0):
+        tree = bpy.data.node_groups.new("Compositor Nodes", "CompositorNodeTree")
+        tree.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
+        tree.nodes.new("NodeGroupOutput")
+        scene.compositing_node_group = tree
+    else:
+        scene.use_nodes = True
+        tree = scene.node_tree
+        tree.nodes.clear()
+        tree.nodes.new("CompositorNodeComposite")
+    return tree, compositor_outputs(tree)
+
+
+def discard_compositor_tree(scene: bpy.types.Scene) -> None:
+    """Undo `new_compositor_tree`."""
+    if bpy.app.version >= (5, 0, 0):
+        tree = scene.compositing_node_group
+        scene.compositing_node_group = None
+        bpy.data.node_groups.remove(tree)
+    else:
+        scene.node_tree.nodes.clear()
+        scene.use_nodes = False
+
+
+def add_fit_to_render_node(tree: bpy.types.NodeTree) -> bpy.types.Node:
+    """Add a Scale node that stretches its image over the whole render."""
+    node = tree.nodes.new("CompositorNodeScale")
+    if bpy.app.version >= (5, 0, 0):
+        node.inputs["Type"].default_value = "Render Size"
+        node.inputs["Frame Type"].default_value = "Stretch"
+    else:
+        node.space = "RENDER_SIZE"
+        node.frame_method = "STRETCH"
+    return node
+
+
+def set_scene_linear(image: bpy.types.Image) -> None:
+    """Mark a float image file as holding values of the working space, so that they are read unchanged."""
+    # Before 5.0 a file has no working space of its own, and float files default to scene linear.
+    if bpy.app.version >= (5, 0, 0):
+        image.colorspace_settings.name = bpy.data.colorspace.working_space
