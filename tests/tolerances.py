@@ -20,3 +20,6 @@ UNIT_NORMAL = 1e-5
 
 # Half floats hold 11 bits of mantissa.
 HALF_RELATIVE = 2.0**-11
+
+# Compositor: a handful of float32 operations on values below 10 (measured at most 1e-6), and the contract's bound.
+COMPOSITED = 1e-4

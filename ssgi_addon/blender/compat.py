@@ -25,7 +25,9 @@ def compositor_outputs(tree: bpy.types.NodeTree) -> list[bpy.types.NodeSocket]:
     if bpy.app.version >= (5, 0, 0):
         ends = [node for node in tree.nodes if node.bl_idname == "NodeGroupOutput" and node.is_active_output]
         # The first colour of the group's interface is the picture; others are further outputs.
-        images = [[socket for socket in node.inputs if socket.bl_idname == "NodeSocketColor"] for node in ends]
+        images = [
+            [socket for socket in node.inputs if socket.bl_idname == "NodeSocketColor"] for node in ends
+        ]
         return [sockets[0] for sockets in images if sockets]
     return [node.inputs["Image"] for node in tree.nodes if node.bl_idname == "CompositorNodeComposite"]
 
@@ -38,9 +40,13 @@ def new_compositor_tree(scene: bpy.types.Scene) -> tuple[bpy.types.NodeTree, lis
         tree.nodes.new("NodeGroupOutput")
         scene.compositing_node_group = tree
     else:
+        images = set(bpy.data.images)
         scene.use_nodes = True
         tree = scene.node_tree
+        # Blender fills a new tree by itself, with a viewer that brings an image along.
         tree.nodes.clear()
+        for image in set(bpy.data.images) - images:
+            bpy.data.images.remove(image)
         tree.nodes.new("CompositorNodeComposite")
     return tree, compositor_outputs(tree)
 
