@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The depth buffer as rays see it: a small slab per pixel, and a pyramid of both depth bounds.
+
+Everything is in q: 1 / depth for a perspective camera, -depth for an orthographic one. q is linear along a
+ray in screen space and linear across a plane in screen space; larger is nearer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .camera import Camera
+from .gbuffer import GBuffer
+from .types import BoolArray, FloatArray, IntArray
+
+MAX_LEVEL = 7
+# Bounds of a cell are widened by this much of themselves, so that rounding never makes them cut into a patch.
+_BOUND_MARGIN = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class DepthField:
+    """Per-pixel slabs and their bounds per cell of a pyramid.
+
+    Attributes
+    ----------
+    camera
+        The camera that sees the field.
+    is_background : (H*W,) bool
+        Pixels without a surface; rays pass them.
+    front, gradient_x, gradient_y, slab, reach : (H*W,) float32
+        Front plane q = front + gradient_x * dx + gradient_y * dy at an offset (dx, dy) px from the pixel's
+        centre, extent of the slab behind it in q, and how deep a ray may enter it between two pixels and
+        still count as meeting the front.
+    normal : (H*W, 3) float32
+        View-space shading normals.
+    atlas_nearest, atlas_farthest : flat float32
+        Largest front q and smallest back q per cell of every level, all levels in one image with a common
+        row stride: level 0 at the left, the others stacked beside it. Background neither stops a ray that
+        passes in front (nearest = -inf) nor one that passes behind (farthest = +inf).
+    stride
+        Row stride of the atlas, cells.
+    origins : (levels,) int64
+        Atlas index of each level's cell (0, 0).
+    padded_width, padded_height
+        Size of level 0 with padding, a multiple of 2**(levels - 1).
+    q_end
+        q at which a ray has left every surface behind: 0, or an orthographic camera's sentinel.
+    """
+
+    camera: Camera
+    is_background: BoolArray
+    front: FloatArray
+    gradient_x: FloatArray
+    gradient_y: FloatArray
+    slab: FloatArray
+    reach: FloatArray
+    normal: FloatArray
+    atlas_nearest: FloatArray
+    atlas_farthest: FloatArray
+    stride: int
+    origins: IntArray
+    padded_width: int
+    padded_height: int
+    q_end: float
+
+    @property
+    def levels(self) -> int:
+        """Number of pyramid levels, at least 1."""
+        return self.origins.shape[0]
+
+    @classmethod
+    def build(cls, gbuffer: GBuffer, camera: Camera, thickness: float, *, max_level: int = MAX_LEVEL) -> DepthField:
+        """Derive slabs and pyramid from a G-buffer.
+
+        Parameters
+        ----------
+        gbuffer
+            Depth, normal and, where captured, thickness of every pixel.
+        camera
+            The camera of `gbuffer`.
+        thickness
+            Thickness relative to depth (orthographic: to the width of the view) where none was captured.
+        max_level
+            Coarsest level to build; 0 leaves a linear walk.
+
+        Raises
+        ------
+        ValueError
+            If G-buffer and camera differ in size.
+        """
+        height, width = gbuffer.shape
+        if (camera.height, camera.width) != (height, width):
+            raise ValueError(f"camera: expected {width}x{height} as the G-buffer, got {camera.width}x{camera.height}")
+        is_background = gbuffer.is_background
+        q, q_end = _q_of_depth(gbuffer.depth, is_background, camera)
+        gradient_x, gradient_y = _patch_gradients(gbuffer, camera, q, is_background)
+        slab = _slab_extent(gbuffer, camera, q, is_background, thickness, q_end)
+
+        tilt = np.abs(gradient_x) + np.abs(gradient_y)
+        footprint = np.abs(q) / max(camera.fx, camera.fy) if not camera.is_orthographic else 1.0 / camera.fx
+        margin = _BOUND_MARGIN * np.abs(q)
+        nearest = np.where(is_background, -np.inf, q + 0.5 * tilt + margin).astype(q.dtype)
+        farthest = np.where(is_background, np.inf, q - 0.5 * tilt - slab - margin).astype(q.dtype)
+        level = min(max_level, max(0, (max(width, height) - 1).bit_length() - 1))
+        atlas_nearest, stride, origins, padded = _stack_levels(nearest, level, np.maximum, -np.inf)
+        atlas_farthest, _, _, _ = _stack_levels(farthest, level, np.minimum, np.inf)
+        return cls(
+            camera=camera,
+            is_background=is_background.ravel(),
+            front=q.ravel(),
+            gradient_x=gradient_x.ravel(),
+            gradient_y=gradient_y.ravel(),
+            slab=slab.ravel(),
+            reach=(footprint + tilt).astype(q.dtype).ravel(),
+            normal=gbuffer.normal.reshape(-1, 3),
+            atlas_nearest=atlas_nearest,
+            atlas_farthest=atlas_farthest,
+            stride=stride,
+            origins=origins,
+            padded_width=padded[1],
+            padded_height=padded[0],
+            q_end=q_end,
+        )
+
+
+def _q_of_depth(depth: FloatArray, is_background: BoolArray, camera: Camera) -> tuple[FloatArray, float]:
+    """Return q with 0 (orthographic: the sentinel) on background, and that value."""
+    if not camera.is_orthographic:
+        return (1.0 / depth).astype(depth.dtype), 0.0
+    # Behind the farthest surface by as much as the view is wide: nothing is left for a ray to meet there.
+    farthest = float(depth[~is_background].max()) if not is_background.all() else 0.0
+    q_end = -(farthest + camera.width / camera.fx)
+    return np.where(is_background, q_end, -depth).astype(depth.dtype), q_end
+
+
+def _patch_gradients(
+    gbuffer: GBuffer, camera: Camera, q: FloatArray, is_background: BoolArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return dq/dx and dq/dy of each pixel's plane, per pixel.
+
+    From n . P = n . P0. Each is limited to the differences to the two neighbours (of either sign, or zero):
+    exact on planes, and no patch of a silhouette or of a bent normal reaches past what lies beside it.
+    """
+    height, width = q.shape
+    normal = gbuffer.normal
+    nx, ny, nz = normal[..., 0], normal[..., 1], normal[..., 2]
+    if camera.is_orthographic:
+        denominator = nz
+    else:
+        x_px = np.arange(width, dtype=q.dtype) + 0.5
+        y_px = np.arange(height, dtype=q.dtype)[:, None] + 0.5
+        # n . P0 / depth0, with P0 / depth0 = ((x - cx) / fx, (cy - y) / fy, -1)
+        denominator = nx * ((x_px - camera.cx) / camera.fx) + ny * ((camera.cy - y_px) / camera.fy) - nz
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scale = -1.0 / denominator if camera.is_orthographic else q / denominator
+        gx = nx * scale / camera.fx
+        gy = -ny * scale / camera.fy
+    gx = _limit_to_neighbours(gx, q, axis=1)
+    gy = _limit_to_neighbours(gy, q, axis=0)
+    gx[is_background] = 0.0
+    gy[is_background] = 0.0
+    return gx, gy
+
+
+def _limit_to_neighbours(gradient: FloatArray, q: FloatArray, axis: int) -> FloatArray:
+    difference = np.diff(q, axis=axis)
+    first = np.take(difference, [0], axis=axis) if difference.size else np.zeros_like(q)
+    last = np.take(difference, [-1], axis=axis) if difference.size else np.zeros_like(q)
+    before = np.concatenate([first, difference], axis=axis) if difference.size else first
+    after = np.concatenate([difference, last], axis=axis) if difference.size else last
+    low = np.minimum(np.minimum(before, after), 0.0)
+    high = np.maximum(np.maximum(before, after), 0.0)
+    # An edge-on normal has no finite gradient: 0 is as good as any.
+    return np.clip(np.nan_to_num(gradient, nan=0.0), low, high)
+
+
+def _slab_extent(
+    gbuffer: GBuffer, camera: Camera, q: FloatArray, is_background: BoolArray, relative: float, q_end: float
+) -> FloatArray:
+    """Return the extent of each slab in q, from the captured thickness or relative to depth."""
+    if camera.is_orthographic:
+        units = camera.width / camera.fx
+        extent = np.full_like(q, relative * units) if gbuffer.thickness is None else gbuffer.thickness
+        extent = np.minimum(extent, q - q_end)
+    elif gbuffer.thickness is None:
+        extent = q * (relative / (1.0 + relative))
+    else:
+        depth = np.where(is_background, 1.0, gbuffer.depth)
+        back = depth + gbuffer.thickness
+        extent = q - 1.0 / back
+    return np.where(is_background, 0.0, extent).astype(q.dtype)
+
+
+def _stack_levels(
+    bound: FloatArray, max_level: int, reduce: np.ufunc, fill: float
+) -> tuple[FloatArray, int, IntArray, tuple[int, int]]:
+    """Pad `bound`, reduce it 2 x 2 level by level, and lay all levels into one flat image."""
+    height, width = bound.shape
+    block = 1 << max_level
+    rows, columns = -(-height // block) * block, -(-width // block) * block
+    stride = columns + (columns >> 1 if max_level else 0)
+    atlas = np.full((rows, stride), fill, dtype=bound.dtype)
+    atlas[:height, :width] = bound
+    origins = [0]
+    current, row = atlas[:, :columns], 0
+    for level in range(1, max_level + 1):
+        pairs = reduce(current[0::2], current[1::2])
+        current = reduce(pairs[:, 0::2], pairs[:, 1::2])
+        atlas[row : row + (rows >> level), columns : columns + (columns >> level)] = current
+        origins.append(row * stride + columns)
+        row += rows >> level
+    return atlas.ravel(), stride, np.array(origins, dtype=np.int64), (rows, columns)

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The hit definition, one ray and one cell at a time, in plain Python floats.
+
+Slow and obvious on purpose: it keeps no pyramid and no mirrored coordinates, and is what every
+accelerated walk is tested against.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ssgi_addon.core import tracer
+from ssgi_addon.core.depth_field import DepthField
+
+
+def trace_ray(field: DepthField, origin, direction, max_distance=math.inf):
+    """Return (status, flat pixel or -1, distance) of one view-space ray with its origin over the frame."""
+    camera = field.camera
+    width, height = camera.width, camera.height
+    ox, oy, oz = (float(v) for v in origin)
+    dx, dy, dz = (float(v) for v in direction)
+    if camera.is_orthographic:
+        q0, vq = oz, dz
+        x0, y0 = camera.cx + camera.fx * ox, camera.cy - camera.fy * oy
+        vx, vy = camera.fx * dx, -camera.fy * dy
+        s_vanish = (field.q_end - q0) / vq if vq < 0 else math.inf
+        s_limit = max_distance
+    else:
+        q0 = -1.0 / oz
+        x0, y0 = camera.cx + camera.fx * ox * q0, camera.cy - camera.fy * oy * q0
+        vx, vy = camera.fx * (dx + ox * dz * q0), -camera.fy * (dy + oy * dz * q0)
+        vq = dz * q0
+        s_vanish = -1.0 / dz if dz < 0 else math.inf
+        depth_at_limit = -oz - max_distance * dz if math.isfinite(max_distance) else math.inf
+        s_limit = max_distance / depth_at_limit if math.isfinite(max_distance) and depth_at_limit > 0 else math.inf
+    ix, iy = math.floor(x0), math.floor(y0)
+    home = (ix, iy)
+    s = 0.0
+    s_stop = min(s_vanish, s_limit)
+    while True:
+        next_x = ix + 1 if vx > 0 else ix
+        next_y = iy + 1 if vy > 0 else iy
+        s_x = (next_x - x0) / vx if vx else math.inf
+        s_y = (next_y - y0) / vy if vy else math.inf
+        s_out = min(s_x, s_y, s_stop)
+        if math.isinf(s_out):
+            return tracer.UNKNOWN, -1, math.inf  # straight at the camera
+        if (ix, iy) != home:
+            answer = _meet(field, ix, iy, (x0, y0, q0), (vx, vy, vq), (dx, dy, dz), s, s_out, home)
+            if answer is not None:
+                status, s_hit = answer
+                distance = s_hit if camera.is_orthographic else s_hit / (q0 + vq * s_hit)
+                return status, iy * width + ix, distance
+        if s_out >= s_stop:
+            escaped = s_stop == s_vanish and bool(field.is_background[iy * width + ix])
+            return (tracer.ESCAPED if escaped else tracer.UNKNOWN), -1, math.inf
+        s = s_out
+        if s_x <= s_out:
+            ix += 1 if vx > 0 else -1
+        if s_y <= s_out:
+            iy += 1 if vy > 0 else -1
+        if not (0 <= ix < width and 0 <= iy < height):
+            return tracer.UNKNOWN, -1, math.inf
+
+
+def _meet(field, ix, iy, start, velocity, direction, s_in, s_out, home):
+    """Return (status, s) where the ray meets the slab of one cell, or None."""
+    pixel = iy * field.camera.width + ix
+    if field.is_background[pixel]:
+        return None
+    gx, gy = float(field.gradient_x[pixel]), float(field.gradient_y[pixel])
+
+    def height_at(s):
+        front = float(field.front[pixel])
+        front += gx * (start[0] + velocity[0] * s - ix - 0.5) + gy * (start[1] + velocity[1] * s - iy - 0.5)
+        return start[2] + velocity[2] * s - front
+
+    h_in, h_out, slab = height_at(s_in), height_at(s_out), float(field.slab[pixel])
+    faces = sum(float(n) * d for n, d in zip(field.normal[pixel], direction, strict=True)) < 0.0
+    is_own = not faces and max(abs(ix - home[0]), abs(iy - home[1])) <= 2
+    if h_in > 0.0 and h_out <= 0.0:
+        answer = (tracer.HIT if faces else tracer.BLOCKED, s_in + (s_out - s_in) * h_in / (h_in - h_out))
+    elif -slab <= h_in <= 0.0:
+        is_step = h_in >= -float(field.reach[pixel])
+        answer = (tracer.HIT if faces and is_step else tracer.BLOCKED, s_in)
+    elif h_in < -slab and h_out >= -slab:
+        answer = (tracer.BLOCKED, s_in)
+    else:
+        return None
+    return None if is_own else answer
