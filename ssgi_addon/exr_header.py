@@ -19,7 +19,7 @@ from .errors import SSGIError
 MAGIC = b"\x76\x2f\x31\x01"
 FLAG_TILED, FLAG_DEEP, FLAG_MULTIPART = 0x200, 0x800, 0x1000
 
-# Scanlines in one chunk, by the number of the compression (none, RLE, ZIPS, ZIP, PIZ, PXR24, B44, B44A, DWAA, DWAB)
+# Scanlines in one chunk, by compression: none, RLE, ZIPS, ZIP, PIZ, PXR24, B44, B44A, DWAA, DWAB
 LINES_PER_CHUNK = (1, 1, 1, 16, 32, 16, 32, 32, 32, 256)
 BYTES_PER_VALUE = (4, 2, 4)  # UINT, HALF, FLOAT
 
@@ -65,23 +65,23 @@ def read_headers(path: Path) -> list[PartHeader]:
             return _read_checked(stream, size)
     except OSError as error:
         raise SSGIError(f"cannot read {path}: {error.strerror or error}; check the path") from error
-    except _BadFile as error:
+    except _BadFileError as error:
         raise SSGIError(f"cannot read {path}: {error}") from error
     except (struct.error, IndexError, UnicodeDecodeError) as error:
         raise SSGIError(f"cannot read {path}: its header is damaged; write the file again") from error
 
 
-class _BadFile(Exception):
+class _BadFileError(Exception):
     """Why a file cannot be read; the caller adds its name."""
 
 
 def _read_checked(stream: BinaryIO, size: int) -> list[PartHeader]:
     head = stream.read(8)
     if len(head) < 8 or head[:4] != MAGIC:
-        raise _BadFile("it is not an OpenEXR file")
+        raise _BadFileError("it is not an OpenEXR file")
     flags = struct.unpack("<I", head[4:])[0]
     if flags & FLAG_DEEP:
-        raise _BadFile("it holds deep data; flatten it first")
+        raise _BadFileError("it holds deep data; flatten it first")
     parts = []
     while (attributes := _read_attributes(stream)) or not parts:
         parts.append(_part(attributes, tiled=bool(flags & FLAG_TILED)))
@@ -98,10 +98,10 @@ def _read_attributes(stream: BinaryIO) -> dict[str, bytes]:
         _read_name(stream)  # the attribute's type, which its name implies
         length = struct.unpack("<i", stream.read(4))[0]
         if not 0 <= length <= LARGEST_HEADER:
-            raise _BadFile("its header is damaged; write the file again")
+            raise _BadFileError("its header is damaged; write the file again")
         value = stream.read(length)
         if len(value) < length:
-            raise _BadFile("it ends inside its header; write the file again")
+            raise _BadFileError("it ends inside its header; write the file again")
         attributes[name] = value
     return attributes
 
@@ -110,7 +110,7 @@ def _read_name(stream: BinaryIO) -> str:
     name = bytearray()
     while (byte := stream.read(1)) != b"\0":
         if not byte or len(name) >= 255:
-            raise _BadFile("it ends inside its header; write the file again")
+            raise _BadFileError("it ends inside its header; write the file again")
         name += byte
     return name.decode("utf-8", "replace")
 
@@ -118,10 +118,10 @@ def _read_name(stream: BinaryIO) -> str:
 def _part(attributes: dict[str, bytes], *, tiled: bool) -> PartHeader:
     missing = {"channels", "compression", "dataWindow", "displayWindow"} - attributes.keys()
     if missing:
-        raise _BadFile(f"its header has no {' and no '.join(sorted(missing))}; write the file again")
+        raise _BadFileError(f"its header has no {' and no '.join(sorted(missing))}; write the file again")
     kind = attributes.get("type", b"")
     if kind.startswith(b"deep"):
-        raise _BadFile("it holds deep data; flatten it first")
+        raise _BadFileError("it holds deep data; flatten it first")
     channels, bytes_per_pixel = _channels(attributes["channels"])
     compression = attributes["compression"][0]
     tiled = tiled or kind.startswith(b"tiled")
@@ -143,7 +143,7 @@ def _channels(data: bytes) -> tuple[tuple[str, ...], int]:
         end = data.index(b"\0", at)
         kind, _linear, x_sampling, y_sampling = struct.unpack_from("<iB3x2i", data, end + 1)
         if (x_sampling, y_sampling) != (1, 1):
-            raise _BadFile("it holds subsampled channels; write it with full-size channels")
+            raise _BadFileError("it holds subsampled channels; write it with full-size channels")
         names.append(data[at:end].decode("utf-8", "replace"))
         bytes_per_pixel += BYTES_PER_VALUE[kind]
         at = end + 17
@@ -156,16 +156,16 @@ def _check_sizes(parts: list[PartHeader], file_size: int) -> None:
         for window in (part.data_window, part.display_window):
             width, height = window[2] - window[0] + 1, window[3] - window[1] + 1
             if not (1 <= width <= LARGEST_SIDE and 1 <= height <= LARGEST_SIDE):
-                raise _BadFile(f"its header claims {width} x {height} pixels; write the file again")
+                raise _BadFileError(f"its header claims {width} x {height} pixels; write the file again")
             total += width * height * part.bytes_per_pixel
     # Both windows were counted: the pixels in the file, and the picture they are placed in.
     if total > max(MODEST_BYTES, 2 * STRONGEST_COMPRESSION * file_size):
-        raise _BadFile(f"its header claims {total >> 20} MB, which a file of its size cannot hold")
+        raise _BadFileError(f"its header claims {total >> 20} MB, which a file of its size cannot hold")
 
 
 def _check_chunks(stream: BinaryIO, parts: list[PartHeader], file_size: int, *, multipart: bool) -> None:
     """Follow each part's chunk table; the chunk that lies last must end inside the file."""
-    truncated = _BadFile("it is not complete (the end is missing or was never written); write it again")
+    truncated = _BadFileError("it is not complete (the end is missing or was never written); write it again")
     last_chunks = []
     for part in parts:
         count = part.chunk_count

@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -34,11 +34,10 @@ def replacing(path: Path) -> Iterator[Path]:
         reason = error.strerror or str(error)
         raise SSGIError(f"cannot write {path}: {reason}; choose another place or make room there") from error
     finally:
-        # After success the name is gone; after a failure nothing half-written may stay.
-        try:
+        # After success the name is gone; after a failure nothing half-written may stay. Where the folder
+        # itself is gone or locked, the message above says all there is to say.
+        with suppress(OSError):
             temporary.unlink(missing_ok=True)
-        except OSError:
-            pass  # the folder itself is gone or locked, so the message above says all there is to say
 
 
 def write_json(path: Path, data: Any) -> None:

@@ -54,7 +54,7 @@ def relative_squared_error(image: FloatArray, reference: FloatArray) -> FloatArr
     v, r = _pair(image, reference)
     squared = (v - r) ** 2
     scale = r**2 + DARK_SHARE * r.mean() ** 2
-    # A reference that is black throughout has no brightness to relate to: any light there is infinitely wrong.
+    # A reference that is black throughout has no brightness to relate to: any light there is infinitely off.
     with np.errstate(divide="ignore"):
         return np.divide(squared, scale, out=np.zeros_like(squared), where=squared > 0.0)
 
@@ -133,10 +133,11 @@ def ssim(
 def flip(
     image: FloatArray, reference: FloatArray, *, mask: BoolArray | None = None, exposure: float = 0.0
 ) -> float | None:
-    """Mean FLIP error of the display-referred pictures, 0 = equal; None where `flip_evaluator` is not installed.
+    """Mean FLIP error of the display-referred pictures, 0 = equal.
 
-    Andersson et al., "FLIP: A Difference Evaluator for Alternating Images" (2020), by NVIDIA's own evaluator at
-    its default viewing distance (67 pixels per degree). Parameters and errors are those of `ssim`.
+    Andersson et al., "FLIP: A Difference Evaluator for Alternating Images" (2020), by NVIDIA's evaluator
+    at its default viewing distance (67 pixels per degree); None where `flip_evaluator` is not installed.
+    Parameters and errors are those of `ssim`.
     """
     v, r = (display_referred(picture, exposure) for picture in _pair(image, reference))
     if importlib.util.find_spec("flip_evaluator") is None:
@@ -172,7 +173,9 @@ def compare_images(
         "ssim": ssim(image, reference, mask=mask, exposure=exposure),
         "flip": flip(image, reference, mask=mask, exposure=exposure),
     }
-    return {name: value if value is not None and math.isfinite(value) else None for name, value in values.items()}
+    return {
+        name: None if value is None or not math.isfinite(value) else value for name, value in values.items()
+    }
 
 
 def pixel_subsets(depth: FloatArray, known: FloatArray) -> dict[str, BoolArray]:
@@ -197,7 +200,7 @@ def pixel_subsets(depth: FloatArray, known: FloatArray) -> dict[str, BoolArray]:
         If the shapes differ.
     """
     if np.shape(known) != np.shape(depth) or np.ndim(depth) != 2:
-        raise ValueError(f"known: expected the (H, W) shape of depth {np.shape(depth)}, got {np.shape(known)}")
+        raise ValueError(f"known: expected the shape of depth {np.shape(depth)}, got {np.shape(known)}")
     is_known = np.asarray(known) >= KNOWN_ENOUGH
     is_silhouette = find_silhouettes(depth)
     return {
@@ -216,19 +219,24 @@ def find_silhouettes(depth: FloatArray) -> BoolArray:
     for before, after in ((padded[1:-1, :-2], padded[1:-1, 2:]), (padded[:-2, 1:-1], padded[2:, 1:-1])):
         bend = np.abs(before - 2.0 * q + after)
         is_edge |= bend > DEPTH_EDGE * np.maximum(np.maximum(before, after), q)
-    # The picture's border repeats its last pixel, which bends every slanted plane there: ask the neighbour instead.
+    # Beyond the border the last pixel is repeated, which bends every slanted plane there; ask its neighbour.
     is_edge[[0, -1], :] = False
     is_edge[:, [0, -1]] = False
     grown = np.pad(is_edge, 1)
     height, width = q.shape
-    shifts = [grown[y : y + height, x : x + width] for y in range(3) for x in range(3)]
-    return np.logical_or.reduce(shifts)
+    is_near = np.zeros(q.shape, bool)
+    for y, x in np.ndindex(3, 3):
+        is_near |= grown[y : y + height, x : x + width]
+    return is_near
 
 
 def display_referred(image: FloatArray, exposure: float = 0.0) -> FloatArray:
     """Scene-linear light as a plain sRGB display shows it: ``2**exposure``, clipped to 0..1, sRGB curve."""
     clipped = np.clip(np.asarray(image, np.float64) * 2.0**exposure, 0.0, 1.0)
-    return np.where(clipped <= 0.0031308, 12.92 * clipped, 1.055 * clipped ** (1.0 / 2.4) - 0.055)
+    encoded: FloatArray = np.where(
+        clipped <= 0.0031308, 12.92 * clipped, 1.055 * clipped ** (1 / 2.4) - 0.055
+    )
+    return encoded
 
 
 def _pair(image: FloatArray, reference: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -256,7 +264,7 @@ def _selected(values: FloatArray, mask: BoolArray | None) -> FloatArray:
     if mask is None:
         return values.reshape(-1)
     if mask.shape != values.shape or mask.dtype != np.bool_:
-        raise ValueError(f"mask: expected bool of shape {values.shape}, got {mask.dtype} of shape {mask.shape}")
+        raise ValueError(f"mask: expected bool {values.shape}, got {mask.dtype} {mask.shape}")
     return values[mask]
 
 
@@ -272,9 +280,8 @@ def _blur(values: FloatArray) -> FloatArray:
     for axis in (0, 1):
         margin = [(SSIM_RADIUS, SSIM_RADIUS) if a == axis else (0, 0) for a in range(values.ndim)]
         padded = np.pad(values, margin, mode="symmetric")
-        size = values.shape[axis]
-        values = sum(
-            float(weight) * padded.take(range(first, first + size), axis=axis)
-            for first, weight in enumerate(weights)
-        )
+        rows = np.arange(values.shape[axis])
+        values = np.zeros_like(values)
+        for first, weight in enumerate(weights):
+            values += weight * padded.take(rows + first, axis=axis)
     return values

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Load Blender as a Python module, or say in one line what is missing."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import sys
+
+from .errors import SSGIError
+
+# The system libraries that the bpy wheel takes from outside, and the Debian packages that hold them.
+DEBIAN_PACKAGES = {
+    "libEGL.so.1": "libegl1",
+    "libGL.so.1": "libgl1",
+    "libICE.so.6": "libice6",
+    "libSM.so.6": "libsm6",
+    "libX11.so.6": "libx11-6",
+    "libXext.so.6": "libxext6",
+    "libXfixes.so.3": "libxfixes3",
+    "libXi.so.6": "libxi6",
+    "libXrender.so.1": "libxrender1",
+    "libXxf86vm.so.1": "libxxf86vm1",
+    "libgomp.so.1": "libgomp1",
+    "libxkbcommon.so.0": "libxkbcommon0",
+}
+SERVES_PYTHON = "Python 3.13 (Blender 5.2) or 3.11 (Blender 5.0)"
+
+
+def require_bpy() -> None:
+    """Import `bpy`.
+
+    Raises
+    ------
+    SSGIError
+        If it is not installed, or a system library that it needs is missing.
+    """
+    try:
+        importlib.import_module("bpy")
+    except ModuleNotFoundError as error:
+        if error.name != "bpy":
+            raise
+        python = f"{sys.version_info.major}.{sys.version_info.minor}"
+        raise SSGIError(
+            f"this needs Blender as a Python module, under {SERVES_PYTHON}, and here is Python {python} without it: "
+            "pip install 'ssgi[blender]'"
+        ) from error
+    except ImportError as error:
+        raise SSGIError(explain_import_error(str(error))) from error
+
+
+def explain_import_error(text: str) -> str:
+    """Turn the loader's message about a shared library into what to install."""
+    found = re.search(r"(lib[\w.+-]+\.so[.\d]*)", text)
+    if found is None or "cannot open shared object" not in text:
+        return f"Blender's Python module does not load: {text}"
+    library = found.group(1)
+    package = DEBIAN_PACKAGES.get(library)
+    if package is None:
+        return f"Blender needs the system library {library}: install the package that holds it"
+    others = " ".join(sorted(DEBIAN_PACKAGES.values()))
+    return (
+        f"Blender needs the system library {library}: apt-get install {package} (all that it needs: {others}; "
+        "other systems have packages of similar names)"
+    )

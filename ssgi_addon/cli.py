@@ -1,0 +1,326 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The command line: one parser for ``ssgi``, ``python -m ssgi_addon`` and ``blender --command ssgi``."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import __version__
+from .bpy_module import require_bpy
+from .core import Settings
+from .core.metrics import KNOWN_ENOUGH, compare_images
+from .core.settings import PRESETS, DiffuseSettings, ReflectionSettings
+from .errors import SSGIError
+from .exr import FloatArray, Pixels, read_layers
+from .heatmap import error_map
+from .passes import remembered_settings
+from .png import write_png
+from .progress import Progress
+
+DEFAULT_PRESET = "balanced"
+DEFAULT_REFERENCE_SAMPLES = 64
+MOST_SAMPLES = 1 << 24
+LARGEST_SIDE = 65536
+MOST_FRAMES = 1_000_000
+
+DONE, FAILED, BAD_USAGE = 0, 1, 2
+
+
+def main(argv: Sequence[str] | None = None, *, inside_blender: bool = False) -> int:
+    """Run one command.
+
+    Parameters
+    ----------
+    argv
+        Arguments without the program's name; None means those of the process.
+    inside_blender
+        A scene is open already, so `render` may be given none.
+
+    Returns
+    -------
+    int
+        0: done, 1: the work failed (one line on standard error says why), 2: bad usage.
+    """
+    parser = build_parser(inside_blender=inside_blender)
+    progress = Progress()
+    try:
+        arguments = parser.parse_args(argv)
+        arguments.run(arguments, progress)
+    except SystemExit as exit_:  # argparse: 0 after --help, 2 after bad usage
+        return exit_.code if isinstance(exit_.code, int) else BAD_USAGE
+    except SSGIError as error:
+        progress.close()
+        print(f"ssgi: error: {' '.join(str(error).split())}", file=sys.stderr)
+        return FAILED
+    except KeyboardInterrupt:
+        progress.close()
+        print("ssgi: error: stopped", file=sys.stderr)
+        return FAILED
+    finally:
+        progress.close()
+    return DONE
+
+
+def console() -> None:
+    """Entry point of the installed ``ssgi`` command."""
+    sys.exit(main())
+
+
+def build_parser(*, inside_blender: bool = False) -> argparse.ArgumentParser:
+    """Return the parser; each command's function stands in ``run`` of its result."""
+    parser = argparse.ArgumentParser(
+        prog="blender --command ssgi" if inside_blender else "ssgi",
+        description="Screen-space global illumination for Blender.",
+        epilog="Exit codes: 0 done, 1 the work failed, 2 bad usage.",
+    )
+    parser.add_argument("--version", action="version", version=f"ssgi {__version__}")
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    _add_render(commands, inside_blender=inside_blender)
+    _add_apply(commands)
+    _add_compare(commands)
+    _add_demo(commands)
+    return parser
+
+
+def _add_render(commands: Any, *, inside_blender: bool) -> None:
+    parser = commands.add_parser(
+        "render", help="render a scene's direct light and add the indirect light to it"
+    )
+    scene_help = "the .blend file" + ("; without it, the open one" if inside_blender else "")
+    parser.add_argument(
+        "scene", metavar="SCENE.blend", type=Path, nargs="?" if inside_blender else None, help=scene_help
+    )
+    parser.add_argument("--output", metavar="DIR", type=Path, required=True, help="folder for the results")
+    parser.add_argument(
+        "--engine",
+        choices=("cycles", "eevee"),
+        default="cycles",
+        help="renders the direct light (default: cycles)",
+    )
+    _add_settings(parser, default=DEFAULT_PRESET)
+    parser.add_argument(
+        "--resolution", metavar="WxH", type=_resolution, help="size in pixels (default: the scene's)"
+    )
+    parser.add_argument(
+        "--samples", metavar="N", type=_integer(1, MOST_SAMPLES), help="Cycles' samples of the direct light"
+    )
+    frames = parser.add_mutually_exclusive_group()
+    frames.add_argument(
+        "--frame", metavar="N", type=lambda text: (_number(text),), dest="frames", help="one frame"
+    )
+    frames.add_argument("--frames", metavar="A-B[:STEP]", type=_frames, help="a range of frames")
+    parser.add_argument(
+        "--compare", action="store_true", help="also render the GI reference and measure the error"
+    )
+    parser.add_argument(
+        "--reference-samples",
+        metavar="N",
+        type=_integer(1, MOST_SAMPLES),
+        help=f"Cycles' samples of the reference (default: {DEFAULT_REFERENCE_SAMPLES})",
+    )
+    parser.add_argument("--passes", action="store_true", help="also keep the captured passes, for `apply`")
+    parser.add_argument("--overwrite", action="store_true", help="replace results that are there already")
+    parser.set_defaults(run=_render, fail=parser.error)
+
+
+def _add_apply(commands: Any) -> None:
+    parser = commands.add_parser("apply", help="add the indirect light to rendered passes; needs no Blender")
+    parser.add_argument("passes", metavar="PASSES.exr", type=Path, help="multilayer EXR file with the passes")
+    parser.add_argument("--output", metavar="FILE.exr", type=Path, required=True, help="the result")
+    parser.add_argument(
+        "--camera", metavar="FILE.json", type=Path, help="the camera (default: beside the passes, or solved)"
+    )
+    _add_settings(parser, default=None)
+    parser.set_defaults(run=_apply)
+
+
+def _add_compare(commands: Any) -> None:
+    parser = commands.add_parser("compare", help="measure a picture's error; needs no Blender")
+    parser.add_argument("image", metavar="IMAGE.exr", type=Path, help="the picture")
+    parser.add_argument("reference", metavar="REFERENCE.exr", type=Path, help="what it should look like")
+    parser.add_argument("--heatmap", metavar="FILE.png", type=Path, help="write a picture of the error")
+    parser.set_defaults(run=_compare)
+
+
+def _add_demo(commands: Any) -> None:
+    parser = commands.add_parser(
+        "demo", help="build the demo scene, run the whole job on it, show it beside the truth"
+    )
+    parser.add_argument(
+        "--output",
+        metavar="DIR",
+        type=Path,
+        default=Path("demo"),
+        help="folder for the results (default: demo)",
+    )
+    parser.set_defaults(run=_demo)
+
+
+def _add_settings(parser: argparse.ArgumentParser, *, default: str | None) -> None:
+    """Add what the command line offers of the settings, with ranges and texts from their one declaration."""
+    otherwise = default or f"as the passes were rendered with, else {DEFAULT_PRESET}"
+    parser.add_argument(
+        "--preset", choices=tuple(PRESETS), help=f"point between speed and accuracy (default: {otherwise})"
+    )
+    rules = [
+        next(item.metadata for item in fields(kind) if item.name == "rays")
+        for kind in (DiffuseSettings, ReflectionSettings)
+    ]
+    lowest, highest = max(rule["min"] for rule in rules), min(rule["max"] for rule in rules)
+    parser.add_argument(
+        "--rays",
+        metavar="N",
+        type=_integer(int(lowest), int(highest)),
+        help=f"{rules[0]['unit']}, diffuse and glossy each (default: the preset's)",
+    )
+
+
+def _settings(arguments: argparse.Namespace, base: Settings | None = None) -> Settings:
+    """Settings by preset, or `base` where none is named, with the number of rays where it is."""
+    settings = base if base and not arguments.preset else Settings.preset(arguments.preset or DEFAULT_PRESET)
+    if arguments.rays is None:
+        return settings
+    return replace(
+        settings,
+        diffuse=replace(settings.diffuse, rays=arguments.rays),
+        reflections=replace(settings.reflections, rays=arguments.rays),
+    )
+
+
+def _render(arguments: argparse.Namespace, progress: Progress) -> None:
+    if arguments.reference_samples is not None and not arguments.compare:
+        arguments.fail("--reference-samples needs --compare")
+    require_bpy()
+    from .job import JobOptions, run_job
+
+    options = JobOptions(
+        output=arguments.output,
+        settings=_settings(arguments),
+        engine=arguments.engine,
+        samples=arguments.samples,
+        resolution=arguments.resolution,
+        frames=arguments.frames,
+        compare=arguments.compare,
+        reference_samples=arguments.reference_samples or DEFAULT_REFERENCE_SAMPLES,
+        passes=arguments.passes,
+        overwrite=arguments.overwrite,
+    )
+    report = run_job(arguments.scene, options, progress)
+    progress.close()
+    for frame in report["frames"]:
+        print(f"frame {frame['frame']}: {frame['seconds']['total']:.1f} s")
+        if frame.get("metrics"):
+            _print_metrics(frame["metrics"])
+    print(f"results: {arguments.output}")
+
+
+def _apply(arguments: argparse.Namespace, progress: Progress) -> None:
+    from .job import apply_passes
+
+    settings = _settings(arguments, remembered_settings(arguments.passes))
+    apply_passes(arguments.passes, arguments.output, arguments.camera, settings, progress)
+    progress.close()
+    print(f"result: {arguments.output}")
+
+
+def _compare(arguments: argparse.Namespace, progress: Progress) -> None:
+    layers = read_layers(arguments.image)
+    image = _picture(arguments.image, layers)
+    reference = _picture(arguments.reference, read_layers(arguments.reference))
+    if image.shape != reference.shape:
+        sizes = " and ".join(f"{picture.shape[1]} x {picture.shape[0]}" for picture in (image, reference))
+        raise SSGIError(f"the pictures differ in size ({sizes} pixels): render them alike")
+    try:
+        rows = {"combined": compare_images(image, reference)}
+        known = layers.get("known")
+        if known is not None and known.shape == image.shape[:2]:
+            is_known = known >= KNOWN_ENOUGH
+            rows[f"known >= {KNOWN_ENOUGH}"] = compare_images(image, reference, mask=is_known)
+    except ValueError as error:
+        raise SSGIError(f"cannot compare {arguments.image} with {arguments.reference}: {error}") from error
+    if arguments.heatmap is not None:
+        write_png(arguments.heatmap, error_map(image, reference))
+    _print_metrics(rows)
+    if arguments.heatmap is not None:
+        print(f"error map: {arguments.heatmap}")
+
+
+def _demo(arguments: argparse.Namespace, progress: Progress) -> None:
+    require_bpy()
+    from .job import run_demo
+
+    picture = run_demo(arguments.output, progress)
+    progress.close()
+    print(f"picture: {picture}")
+
+
+def _picture(path: Path, layers: Pixels) -> FloatArray:
+    """The finished picture of a file: ours, Blender's, or the only one that it holds."""
+    pictures = {name: values for name, values in layers.items() if values.ndim == 3 and values.shape[2] == 3}
+    for wanted in ("combined", "Combined"):
+        for name, values in pictures.items():
+            if name.rpartition(".")[2] == wanted:
+                return values
+    if len(pictures) == 1:
+        return next(iter(pictures.values()))
+    held = ", ".join(layers) or "nothing"
+    raise SSGIError(f"{path} has no combined picture (it holds {held}): give the finished picture")
+
+
+def _print_metrics(rows: dict[str, dict[str, float | None]]) -> None:
+    names = list(dict.fromkeys(name for row in rows.values() for name in row))
+    print(f"{'':14}" + "".join(f"{name:>12}" for name in names))
+    for title, row in rows.items():
+        values = (row.get(name) for name in names)
+        cells = (
+            "-" if value is None else np.format_float_positional(value, 4, fractional=False)
+            for value in values
+        )
+        print(f"{title:14}" + "".join(f"{cell:>12}" for cell in cells))
+
+
+def _number(text: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected a whole number, got {text!r}") from None
+
+
+def _integer(lowest: int, highest: int) -> Callable[[str], int]:
+    def parse(text: str) -> int:
+        value = _number(text)
+        if not lowest <= value <= highest:
+            raise argparse.ArgumentTypeError(f"expected {lowest} to {highest}, got {value}")
+        return value
+
+    return parse
+
+
+def _resolution(text: str) -> tuple[int, int]:
+    found = re.fullmatch(r"(\d+)[xX](\d+)", text)
+    if found is None:
+        raise argparse.ArgumentTypeError(f"expected WIDTHxHEIGHT, such as 960x540, got {text!r}")
+    width, height = int(found[1]), int(found[2])
+    if not (1 <= width <= LARGEST_SIDE and 1 <= height <= LARGEST_SIDE):
+        raise argparse.ArgumentTypeError(f"expected 1 to {LARGEST_SIDE} pixels a side, got {text!r}")
+    return width, height
+
+
+def _frames(text: str) -> tuple[int, ...]:
+    found = re.fullmatch(r"(-?\d+)-(-?\d+)(?::(\d+))?", text)
+    if found is None:
+        raise argparse.ArgumentTypeError(
+            f"expected FIRST-LAST or FIRST-LAST:STEP, such as 1-48:2, got {text!r}"
+        )
+    first, last, step = int(found[1]), int(found[2]), int(found[3] or 1)
+    if last < first or step < 1 or last - first >= MOST_FRAMES:
+        raise argparse.ArgumentTypeError(f"expected FIRST <= LAST and a STEP of 1 or more, got {text!r}")
+    return tuple(range(first, last + 1, step))

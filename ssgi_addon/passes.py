@@ -1,0 +1,282 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Captured frames and the files that keep them: one EXR per G-buffer, one JSON file for the rest.
+
+What `write_passes` writes, `read_passes` reads back bit by bit, so the passes can be computed again
+later and elsewhere. `read_passes` also takes the multilayer EXR files that Blender itself writes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .blender_passes import frame_from_blender
+from .core import Camera, Environment, GBuffer, Settings
+from .errors import SSGIError
+from .exr import FloatArray, Pixels, read_layers, write_layers
+from .files import read_json, write_json
+from .frame import CapturedFrame
+
+FORMAT = "ssgi-passes"
+FORMAT_VERSION = 1
+UNIT_ROUNDING = 1e-6
+
+_PLANES = tuple(item.name for item in fields(GBuffer) if item.name != "behind")
+_REQUIRED = ("depth", "normal", "albedo", "specular", "roughness", "direct")
+
+
+def write_passes(
+    frame: CapturedFrame, folder: Path | str, stem: str, settings: Settings | None = None
+) -> Path:
+    """Write a captured frame as ``<stem>.exr`` and ``<stem>.json``, and a file per further view.
+
+    The JSON file names the others and is written last: while it is missing, the frame is not complete.
+
+    Parameters
+    ----------
+    frame
+        The captured frame.
+    folder, stem
+        Where, and the name without its ending.
+    settings
+        What the picture was computed with, for `remembered_settings`.
+
+    Returns
+    -------
+    Path
+        The EXR file that `read_passes` takes.
+
+    Raises
+    ------
+    SSGIError
+        If a file cannot be written.
+    """
+    folder = Path(folder)
+    path = folder / f"{stem}.exr"
+    write_layers(path, {**_planes(frame.gbuffer), **frame.layers})
+    views = []
+    for number, (gbuffer, camera) in enumerate(frame.views, 1):
+        name = f"{stem}_view{number}.exr"
+        write_layers(folder / name, _planes(gbuffer))
+        views.append({"passes": name, "camera": _camera_to_json(camera)})
+    data = {
+        "format": FORMAT,
+        "version": FORMAT_VERSION,
+        "engine": frame.engine,
+        "emission_in_direct": frame.emission_in_direct,
+        "world_in_direct": frame.world_in_direct,
+        "settings": None if settings is None else settings_to_json(settings),
+        "camera": _camera_to_json(frame.camera),
+        "environment": _write_environment(frame.environment, folder, f"{stem}_environment.exr"),
+        "views": views,
+        "layers": list(frame.layers),
+        "seconds": dict(frame.seconds),
+        "notes": list(frame.notes),
+    }
+    write_json(path.with_suffix(".json"), data)
+    return path
+
+
+def read_passes(path: Path | str, camera_path: Path | str | None = None) -> CapturedFrame:
+    """Read a captured frame from our own files, or from an EXR file that Blender wrote.
+
+    Parameters
+    ----------
+    path
+        The EXR file. A ``.json`` of the same name beside it is found without being named.
+    camera_path
+        JSON file with the camera. Without it, and without our own file, the camera is solved from the
+        passes Position and Depth.
+
+    Raises
+    ------
+    SSGIError
+        If a file is missing or damaged, or the EXR lacks passes; the text names each of them.
+    """
+    path = Path(path)
+    layers = read_layers(path)
+    named = None if camera_path is None else _read_mapping(Path(camera_path))
+    beside = path.with_suffix(".json")
+    own = next((data for data in (named, _read_own(beside)) if data and data.get("format") == FORMAT), None)
+    camera = None if named is None else _camera_from_json(named.get("camera", named), Path(str(camera_path)))
+    if own is not None:
+        return _own_frame(path, layers, own, camera)
+    if set(_REQUIRED) <= layers.keys():
+        raise SSGIError(f"{path} needs {beside.name}, which was written with it: put it into the same folder")
+    return frame_from_blender(path, layers, camera)
+
+
+def remembered_settings(path: Path | str) -> Settings | None:
+    """Return the settings that `write_passes` kept beside the EXR file `path`; None where there are none.
+
+    Raises
+    ------
+    SSGIError
+        If the JSON file cannot be read or holds settings that this version does not know.
+    """
+    beside = Path(path).with_suffix(".json")
+    data = _read_own(beside)
+    if not data or data.get("format") != FORMAT or data.get("settings") is None:
+        return None
+    try:
+        return settings_from_json(data["settings"])
+    except (TypeError, ValueError) as error:
+        raise SSGIError(
+            f"the settings in {beside} are wrong ({error}): name them on the command line"
+        ) from error
+
+
+def settings_to_json(settings: Any) -> dict[str, Any]:
+    """Settings as nested dictionaries; infinity, which JSON lacks, as text."""
+    values: dict[str, Any] = {}
+    for item in fields(settings):
+        value = getattr(settings, item.name)
+        if is_dataclass(value):
+            value = settings_to_json(value)
+        elif isinstance(value, float) and not math.isfinite(value):
+            value = str(value)
+        values[item.name] = value
+    return values
+
+
+def settings_from_json(values: Mapping[str, Any], base: Any = None) -> Any:
+    """Undo `settings_to_json`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a name or a value is not one of `Settings`.
+    """
+    base = Settings() if base is None else base
+    changes = {}
+    for name, value in values.items():
+        default = getattr(base, name, None)
+        if is_dataclass(default):
+            value = settings_from_json(value, default)
+        elif isinstance(default, float):
+            value = float(value)
+        changes[name] = value
+    return replace(base, **changes)
+
+
+def _own_frame(path: Path, layers: Pixels, data: Mapping[str, Any], camera: Camera | None) -> CapturedFrame:
+    if data.get("version") != FORMAT_VERSION:
+        raise SSGIError(
+            f"{path.with_suffix('.json')} has version {data.get('version')!r} of its format, "
+            f"this program reads {FORMAT_VERSION}: render the passes again"
+        )
+    try:
+        return CapturedFrame(
+            gbuffer=_gbuffer(layers, path),
+            camera=camera or _camera_from_json(data["camera"], path),
+            environment=_read_environment(data["environment"], path.parent),
+            engine=data["engine"],
+            emission_in_direct=data["emission_in_direct"],
+            world_in_direct=data["world_in_direct"],
+            views=tuple(_read_view(view, path.parent) for view in data["views"]),
+            layers={name: layers[name] for name in data["layers"]},
+            seconds=data["seconds"],
+            notes=tuple(data["notes"]),
+        )
+    except KeyError as error:
+        raise SSGIError(f"{path} and its .json do not belong together: {error} is missing") from error
+
+
+def _planes(gbuffer: GBuffer, prefix: str = "") -> dict[str, FloatArray]:
+    """Arrays of a G-buffer by layer name; those of the layers behind begin with ``behind_``."""
+    planes = {prefix + name: getattr(gbuffer, name) for name in _PLANES if getattr(gbuffer, name) is not None}
+    if gbuffer.behind is not None:
+        planes.update(_planes(gbuffer.behind, f"{prefix}behind_"))
+    return planes
+
+
+def _gbuffer(layers: Pixels, path: Path, prefix: str = "") -> GBuffer:
+    missing = [prefix + name for name in _REQUIRED if prefix + name not in layers]
+    if missing:
+        raise SSGIError(f"{path} lacks the passes {', '.join(missing)}: render it again")
+    planes: dict[str, Any] = {name: layers[prefix + name] for name in _PLANES if prefix + name in layers}
+    if f"{prefix}behind_depth" in layers:
+        planes["behind"] = _gbuffer(layers, path, f"{prefix}behind_")
+    return _as_stored(planes, path)
+
+
+def _as_stored(planes: dict[str, Any], path: Path) -> GBuffer:
+    try:
+        gbuffer = GBuffer(**planes)
+    except ValueError as error:
+        raise SSGIError(f"{path} is damaged: {error}") from error
+    # Normalising a unit vector once more may change its last bit, and with it a ray's hit.
+    if np.allclose(gbuffer.normal, planes["normal"], rtol=0.0, atol=UNIT_ROUNDING):
+        object.__setattr__(gbuffer, "normal", planes["normal"])
+    return gbuffer
+
+
+def _read_view(view: Mapping[str, Any], folder: Path) -> tuple[GBuffer, Camera]:
+    path = folder / view["passes"]
+    return _gbuffer(read_layers(path), path), _camera_from_json(view["camera"], path)
+
+
+def _camera_to_json(camera: Camera) -> dict[str, Any]:
+    return {
+        "projection": "orthographic" if camera.is_orthographic else "perspective",
+        "width": camera.width,
+        "height": camera.height,
+        "fx": camera.fx,
+        "fy": camera.fy,
+        "cx": camera.cx,
+        "cy": camera.cy,
+        "world_from_view": camera.world_from_view.tolist(),
+    }
+
+
+def _camera_from_json(data: Any, path: Path) -> Camera:
+    try:
+        if data["projection"] not in ("perspective", "orthographic"):
+            raise ValueError(f"projection: expected perspective or orthographic, got {data['projection']!r}")
+        numbers = {name: float(data[name]) for name in ("fx", "fy", "cx", "cy")}
+        pose = np.array(data["world_from_view"], dtype=np.float64)
+        if pose.shape != (4, 4) or not np.isfinite([*pose.flat, *numbers.values()]).all():
+            raise ValueError("world_from_view, fx, fy, cx, cy: expected finite numbers, a 4 x 4 matrix first")
+        if min(data["width"], data["height"]) < 1 or min(numbers["fx"], numbers["fy"]) <= 0.0:
+            raise ValueError("width, height, fx, fy: expected positive numbers")
+        return Camera(
+            width=int(data["width"]),
+            height=int(data["height"]),
+            is_orthographic=data["projection"] == "orthographic",
+            world_from_view=pose,
+            **numbers,
+        )
+    except KeyError as error:
+        raise SSGIError(f"the camera of {path} lacks {error}: add it to the file") from error
+    except (TypeError, ValueError) as error:
+        raise SSGIError(f"the camera of {path} is wrong: {error}") from error
+
+
+def _write_environment(environment: Environment | None, folder: Path, name: str) -> dict[str, Any] | None:
+    if environment is None:
+        return None
+    write_layers(folder / name, {"radiance": environment.image})
+    return {"image": name, "world_from_view": environment.world_from_view.tolist()}
+
+
+def _read_environment(data: Mapping[str, Any] | None, folder: Path) -> Environment | None:
+    if data is None:
+        return None
+    image = read_layers(folder / data["image"])["radiance"]
+    return Environment(image, np.array(data["world_from_view"], dtype=np.float64))
+
+
+def _read_own(path: Path) -> Mapping[str, Any] | None:
+    return _read_mapping(path) if path.is_file() else None
+
+
+def _read_mapping(path: Path) -> Mapping[str, Any]:
+    data = read_json(path)
+    if not isinstance(data, dict):
+        raise SSGIError(f"{path} holds no camera: expected a JSON object")
+    return data

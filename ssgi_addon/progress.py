@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Progress on the command line: a bar on a terminal, plain lines in a log."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from typing import TextIO
+
+BAR_WIDTH = 28
+LOG_STEP = 0.1
+
+
+class Progress:
+    """Shows a fraction and what is being done; call it with both.
+
+    Parameters
+    ----------
+    stream
+        Where to; None means standard error, so that results can be piped.
+    """
+
+    def __init__(self, stream: TextIO | None = None) -> None:
+        self._stream = sys.stderr if stream is None else stream
+        self._is_terminal = self._stream.isatty()
+        self._shown: tuple[int, str] | None = None
+        self._has_bar = False
+
+    def __call__(self, fraction: float, text: str) -> None:
+        """Show `fraction` (0 to 1) of the work as done, and `text` as what is at hand."""
+        fraction = min(max(fraction, 0.0), 1.0)
+        step = int(fraction / (0.01 if self._is_terminal else LOG_STEP))
+        if self._shown == (step, text):
+            return
+        self._shown = (step, text)
+        if self._is_terminal:
+            self._draw_bar(fraction, text)
+        else:
+            print(f"{fraction:4.0%} {text}", file=self._stream, flush=True)
+
+    def close(self) -> None:
+        """Leave the bar's line, so that what follows starts on its own."""
+        if self._has_bar:
+            print(file=self._stream, flush=True)
+            self._has_bar = False
+
+    def _draw_bar(self, fraction: float, text: str) -> None:
+        filled = round(fraction * BAR_WIDTH)
+        line = f"[{'#' * filled}{'-' * (BAR_WIDTH - filled)}] {fraction:4.0%} {text}"
+        columns = shutil.get_terminal_size().columns
+        print(f"\r\x1b[K{line[: columns - 1]}", end="", file=self._stream, flush=True)
+        self._has_bar = True
