@@ -79,3 +79,22 @@ def set_scene_linear(image: bpy.types.Image) -> None:
     # Before 5.0 a file has no working space of its own, and float files default to scene linear.
     if bpy.app.version >= (5, 0, 0):
         image.colorspace_settings.name = bpy.data.colorspace.working_space
+
+
+def uses_nodes(material: bpy.types.Material) -> bool:
+    """Whether the nodes of `material` make its look; before 5.0 they could be switched off."""
+    if bpy.app.version >= (5, 0, 0):
+        return material.node_tree is not None
+    return material.use_nodes and material.node_tree is not None
+
+
+def has_roughness_pass(view_layer: bpy.types.ViewLayer) -> bool:
+    """Whether Cycles can write an unweighted Denoising Roughness of the first hit (since 5.2)."""
+    return "denoising_pass_follow_reflections" in view_layer.cycles.bl_rna.properties
+
+
+def has_denoiser(scene: bpy.types.Scene) -> bool:
+    """Whether this build of Blender can denoise; some Linux distributions' builds cannot."""
+    import _cycles  # exists once Cycles is enabled, and only inside Blender
+
+    return _cycles.with_openimagedenoise or scene.cycles.denoiser != ""

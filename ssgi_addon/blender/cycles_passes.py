@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Render a view layer through Cycles and take its passes straight from memory."""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import Camera
+from ..errors import SSGIError
+from ..exr import LONG_NAMES
+from .camera import camera_of_render, rendered_region
+
+# The switch of every pass that captures ask for; the second kind belongs to Cycles' own settings.
+_VIEW_LAYER_SWITCHES = {
+    "Depth": "use_pass_z",
+    "Position": "use_pass_position",
+    "Normal": "use_pass_normal",
+    "Diffuse Direct": "use_pass_diffuse_direct",
+    "Diffuse Indirect": "use_pass_diffuse_indirect",
+    "Diffuse Color": "use_pass_diffuse_color",
+    "Glossy Direct": "use_pass_glossy_direct",
+    "Glossy Indirect": "use_pass_glossy_indirect",
+    "Glossy Color": "use_pass_glossy_color",
+    "Transmission Direct": "use_pass_transmission_direct",
+    "Transmission Indirect": "use_pass_transmission_indirect",
+    "Transmission Color": "use_pass_transmission_color",
+    "Emission": "use_pass_emit",
+    "Environment": "use_pass_environment",
+}
+_CYCLES_SWITCHES = {
+    "Volume Direct": "use_pass_volume_direct",
+    "Volume Indirect": "use_pass_volume_indirect",
+}
+
+
+@dataclass
+class RenderedPasses:
+    """What one render left in memory.
+
+    Attributes
+    ----------
+    layers
+        Passes by their long names, top row first: ``(H, W, 3)``, or ``(H, W)`` for single values. Alpha is left out.
+    camera
+        Of the rendered region.
+    seconds
+        Wall time of the render.
+    """
+
+    layers: dict[str, NDArray[np.float32]] = field(default_factory=dict)
+    camera: Camera | None = None
+    seconds: float = 0.0
+
+
+def pass_switches(names: Iterable[str]) -> tuple[dict[str, bool], dict[str, bool]]:
+    """Return the properties of the view layer, and of its Cycles settings, that turn passes on."""
+    wanted = set(names)
+    return (
+        {switch: True for name, switch in _VIEW_LAYER_SWITCHES.items() if name in wanted},
+        {switch: True for name, switch in _CYCLES_SWITCHES.items() if name in wanted},
+    )
+
+
+def cycles_engine() -> type[bpy.types.RenderEngine]:
+    """Return the class of the Cycles engine.
+
+    Raises
+    ------
+    SSGIError
+        If Cycles is not there.
+    """
+    for engine in bpy.types.RenderEngine.__subclasses__():
+        if getattr(engine, "bl_idname", None) == "CYCLES" and engine.is_registered:
+            return engine
+    raise SSGIError("The Cycles render engine is not available: enable it in Preferences > Add-ons > Cycles Render Engine.")
+
+
+def render_passes(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, names: Iterable[str]) -> RenderedPasses:
+    """Render `scene` with the settings that it has and return passes of `view_layer`.
+
+    The passes are read after Cycles has finished and before Blender goes on, which is the only moment
+    at which a background Blender gives them away without a file.
+
+    Parameters
+    ----------
+    scene
+        Its engine is Cycles, and one tile holds the frame.
+    view_layer
+        The one to read; passes must be switched on.
+    names
+        Passes to read, by their long names.
+
+    Raises
+    ------
+    SSGIError
+        If Blender cannot render the scene, or the render was cancelled.
+    """
+    rendered = RenderedPasses()
+    names = tuple(names)
+
+    def read(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> None:
+        if depsgraph.scene.name == scene.name and depsgraph.view_layer.name == view_layer.name:
+            if not engine.test_break():
+                rendered.camera = camera_of_render(engine, depsgraph)
+                rendered.layers = _read_result(engine, scene, view_layer.name, names)
+
+    start = time.perf_counter()
+    with _after_render(cycles_engine(), read):
+        try:
+            bpy.ops.render.render(scene=scene.name)
+        except RuntimeError as error:
+            raise SSGIError(f"Blender could not render scene '{scene.name}': {_first_line(error)}") from error
+    rendered.seconds = time.perf_counter() - start
+    if rendered.camera is None:
+        raise SSGIError("The render was cancelled: nothing was written, start it again.")
+    return rendered
+
+
+@contextmanager
+def _after_render(
+    engine_class: type[bpy.types.RenderEngine],
+    read: Callable[[bpy.types.RenderEngine, bpy.types.Depsgraph], None],
+) -> Iterator[None]:
+    """Call `read` whenever Cycles has finished a view layer; its exceptions surface here."""
+    original = engine_class.render
+    failures: list[Exception] = []
+
+    def render(self: Any, depsgraph: bpy.types.Depsgraph) -> None:
+        try:
+            original(self, depsgraph)
+            read(self, depsgraph)
+        except Exception as error:
+            # Blender would print it and go on. Its frames must not keep the engine alive beyond its render.
+            traceback.clear_frames(error.__traceback__)
+            failures.append(error)
+        finally:
+            del self, depsgraph
+
+    engine_class.render = render
+    try:
+        yield
+    finally:
+        engine_class.render = original
+    if failures:
+        raise failures[0]
+
+
+def _read_result(
+    engine: bpy.types.RenderEngine, scene: bpy.types.Scene, layer_name: str, names: tuple[str, ...]
+) -> dict[str, NDArray[np.float32]]:
+    result = engine.get_result()
+    width, height = result.resolution_x, result.resolution_y
+    if (width, height) != rendered_region(scene)[2:]:
+        raise RuntimeError(f"Cycles returned {width} x {height} pixels, expected {rendered_region(scene)[2:]}")
+    layers = {}
+    for render_pass in result.layers[layer_name].passes:
+        name = LONG_NAMES.get(render_pass.name, render_pass.name)
+        if name in names:
+            pixels = np.empty(width * height * render_pass.channels, dtype=np.float32)
+            render_pass.rect.foreach_get(pixels)
+            layers[name] = _top_first(pixels.reshape(height, width, render_pass.channels))
+    missing = [name for name in names if name not in layers]
+    if missing:
+        raise RuntimeError(f"Cycles returned no pass {', '.join(missing)}")
+    return layers
+
+
+def _top_first(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Flip Cycles' bottom row to the end; drop alpha and the axis of single values."""
+    flipped = pixels[::-1, :, 0] if pixels.shape[2] == 1 else pixels[::-1, :, :3]
+    return np.ascontiguousarray(flipped)
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).strip().removeprefix("Error: ").splitlines()[0]

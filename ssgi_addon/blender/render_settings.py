@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The settings that every render of ours borrows from the user's scene."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..errors import SSGIError
+from . import compat
+from .camera import check_camera, full_size, rendered_region
+from .cycles_passes import cycles_engine, pass_switches
+from .restore import Restorer
+
+# Cycles hands its passes over in memory only if one tile holds the frame, and its tiles end here.
+LARGEST_TILE_PX = 8192
+_SMALLEST_RESOLUTION_PX = 4  # of Blender's resolution property
+
+
+def borrow_scene(
+    restorer: Restorer,
+    scene: bpy.types.Scene,
+    *,
+    resolution: tuple[int, int] | None = None,
+    frame: int | None = None,
+    view_layer: str | None = None,
+) -> bpy.types.ViewLayer:
+    """Set `scene` up for Cycles renders whose passes are read from memory, until `restorer` closes.
+
+    Parameters
+    ----------
+    restorer
+        Puts everything back.
+    scene
+        The scene to render; its own engine may be another one.
+    resolution
+        Width and height of the whole frame, pixels; None means the scene's.
+    frame
+        Frame number; None means the current one.
+    view_layer
+        Name; None means the active one, or the first that renders.
+
+    Returns
+    -------
+    bpy.types.ViewLayer
+        The only one that renders now.
+
+    Raises
+    ------
+    SSGIError
+        If Cycles, a usable camera, the view layer or a pixel to render is missing.
+    """
+    cycles_engine()
+    layer = _find_view_layer(scene, view_layer)
+    if frame is not None:
+        _go_to_frame(restorer, scene, frame)
+    check_camera(scene)
+    _borrow_framing(restorer, scene, resolution)
+
+    restorer.change(
+        scene.render,
+        engine="CYCLES",
+        use_compositing=False,
+        use_sequencer=False,
+        use_freestyle=False,
+    )
+    for other in scene.view_layers:
+        restorer.change(other, use=other == layer)
+    restorer.change(
+        scene.cycles,
+        tile_size=max(scene.cycles.tile_size, *full_size(scene)),
+        use_auto_tile=False,
+        use_adaptive_sampling=False,
+        use_layer_samples="IGNORE",
+        use_sample_subset=False,
+        time_limit=0.0,
+        use_fast_gi=False,
+    )
+    return layer
+
+
+def borrow_denoiser(
+    restorer: Restorer, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, wanted: bool
+) -> bool:
+    """Switch Cycles' denoiser on or off; return whether it will run, since some builds have none."""
+    denoises = wanted and compat.has_denoiser(scene)
+    restorer.change(scene.cycles, use_denoising=denoises)
+    if denoises:
+        restorer.change(view_layer.cycles, use_denoising=True)
+    return denoises
+
+
+def borrow_passes(restorer: Restorer, view_layer: bpy.types.ViewLayer, names: tuple[str, ...]) -> None:
+    """Switch passes of `view_layer` on. None is switched off, so that no link of a compositor is lost."""
+    of_layer, of_cycles = pass_switches(names)
+    restorer.change(view_layer, **of_layer)
+    restorer.change(view_layer.cycles, **of_cycles)
+
+
+def _find_view_layer(scene: bpy.types.Scene, name: str | None) -> bpy.types.ViewLayer:
+    if name is not None:
+        layer = scene.view_layers.get(name)
+        if layer is None:
+            known = ", ".join(f"'{other.name}'" for other in scene.view_layers)
+            raise SSGIError(f"Scene '{scene.name}' has no view layer '{name}': choose one of {known}.")
+        return layer
+    active = bpy.context.view_layer
+    if bpy.context.scene == scene and active is not None and active.use:
+        return active
+    return next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
+
+
+def _go_to_frame(restorer: Restorer, scene: bpy.types.Scene, frame: int) -> None:
+    if (scene.frame_current, scene.frame_subframe) == (frame, 0.0):
+        return
+    # Markers may bind other cameras to other frames; undone last, when the frame is back.
+    camera = scene.camera
+    restorer.callback(lambda: setattr(scene, "camera", camera))
+    restorer.callback(scene.frame_set, scene.frame_current, subframe=scene.frame_subframe)
+    scene.frame_set(frame)
+
+
+def _borrow_framing(restorer: Restorer, scene: bpy.types.Scene, resolution: tuple[int, int] | None) -> None:
+    if resolution is not None:
+        width, height = resolution
+        if width < 1 or height < 1:
+            raise SSGIError(f"Resolution {width} x {height} has no pixels: give at least 1 x 1.")
+        # Sizes below the smallest that the property takes are a percentage of larger ones.
+        scale = 1 if min(width, height) >= _SMALLEST_RESOLUTION_PX else 100
+        restorer.change(
+            scene.render,
+            resolution_x=width * scale,
+            resolution_y=height * scale,
+            resolution_percentage=100 // scale,
+        )
+    if not scene.render.use_crop_to_border:
+        # Without crop Blender renders part of the frame and leaves the rest empty; rays need the whole.
+        restorer.change(scene.render, use_border=False)
+    width, height = rendered_region(scene)[2:]
+    if width < 1 or height < 1:
+        raise SSGIError(f"Scene '{scene.name}' renders {width} x {height} pixels: raise the resolution or its "
+                        "percentage, or widen the render border, in Output properties > Format.")
+    if max(full_size(scene)) > LARGEST_TILE_PX:
+        raise SSGIError(f"{' x '.join(map(str, full_size(scene)))} pixels are more than Cycles returns in memory: "
+                        f"render at most {LARGEST_TILE_PX} pixels a side.")
