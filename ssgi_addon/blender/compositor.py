@@ -119,6 +119,20 @@ def has_layers(scene: bpy.types.Scene) -> bool:
     return bool(_group_nodes(compat.compositor_tree(scene)))
 
 
+def warnings(scene: bpy.types.Scene) -> list[str]:
+    """Say why a render of `scene`, whose compositor holds the group, would not show what it should."""
+    if not has_layers(scene):
+        return []
+    found = []
+    if not scene.render.use_compositing:
+        found.append("Compositing is off in Post Processing: the render does not show the added light")
+    if scene.render.engine == "CYCLES" and (scene.cycles.diffuse_bounces or scene.cycles.glossy_bounces):
+        found.append(
+            "Cycles renders indirect light too: set Diffuse and Glossy bounces to 0, or it counts twice"
+        )
+    return found
+
+
 def _check_editable(scene: bpy.types.Scene, tree: bpy.types.NodeTree | None) -> None:
     """Raise SSGIError where an edit would be lost, or would change more than this scene."""
     for owner in (scene, tree):

@@ -241,7 +241,7 @@ def test_file_without_our_layers_is_refused_without_a_trace(scene, tmp_path, is_
     else:
         write_layers(path, {"diffuse": np.zeros((HEIGHT, WIDTH, 3), np.float32)})
     before = fingerprint(scene)
-    with pytest.raises(SSGIError, match="lacks .*glossy"):
+    with pytest.raises(SSGIError, match=r"lacks .*glossy"):
         compositor.publish_layers(scene, path)
     assert fingerprint(scene) == before
 

@@ -114,7 +114,9 @@ def test_allowed_import_is_not_complained_about(path, source):
 
 def test_tests_reach_operators_through_blender_alone():
     for path in ROOT.glob("tests/**/*.py"):
-        modules = {module.partition(".")[0] for _, module in imports(ast.parse(path.read_text(encoding="utf-8")))}
+        modules = {
+            module.partition(".")[0] for _, module in imports(ast.parse(path.read_text(encoding="utf-8")))
+        }
         assert "operators" not in modules, path
 
 

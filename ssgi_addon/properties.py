@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The settings of a scene, `bpy.types.Scene.ssgi`, made from the dataclasses of `core.settings`."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import Field, fields
+from typing import Any
+
+import bpy
+import numpy as np
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
+
+from .core.settings import PRESETS, DiffuseSettings, ReflectionSettings, Settings
+
+# A Blender property has no "none" and no infinity; 0 stands for both, and its help says so.
+OPEN_ENDED = {None: "0 uses as many as there are", math.inf: "0 is without limit"}
+
+
+def annotations_of(settings_type: type) -> dict[str, Any]:
+    """Make one Blender property for each option of a settings dataclass."""
+    return {item.name: _property(item) for item in fields(settings_type) if item.metadata}
+
+
+def core_settings(group: bpy.types.PropertyGroup) -> Settings:
+    """Return what a scene's properties say as the settings of `render_indirect`.
+
+    Raises
+    ------
+    ValueError
+        If a property holds what the settings refuse; the ranges of the properties rule that out.
+    """
+    return _from_group(Settings, group)
+
+
+def apply_preset(group: bpy.types.PropertyGroup, name: str) -> None:
+    """Set the properties in which the presets differ; the seed, say, stays the user's."""
+    presets = {key: _flat(Settings.preset(key)) for key in PRESETS}
+    for path, value in presets[name].items():
+        if any(other[path] != value for other in presets.values()):
+            *owners, attribute = path
+            target = group
+            for owner in owners:
+                target = getattr(target, owner)
+            setattr(target, attribute, value)
+
+
+def _property(item: Field[Any]) -> Any:
+    rule = item.metadata
+    if rule["choices"] is not None:
+        items = [(choice, choice.replace("_", " ").title(), "") for choice in rule["choices"]]
+        return EnumProperty(name=rule["label"], description=rule["help"], items=items, default=item.default)
+    if isinstance(item.default, bool):
+        return BoolProperty(name=rule["label"], description=rule["help"], default=item.default)
+    return _number_property(item)
+
+
+def _number_property(item: Field[Any]) -> Any:
+    rule = item.metadata
+    options: dict[str, Any] = {"name": rule["label"], "description": rule["help"], "default": item.default}
+    for ours, blenders in (("min", "min"), ("max", "max"), ("soft_max", "soft_max")):
+        if rule[ours] is not None:
+            options[blenders] = rule[ours]
+    if item.default in OPEN_ENDED:
+        options |= {"default": 0, "min": 0, "description": f"{rule['help']}. {OPEN_ENDED[item.default]}"}
+    if isinstance(item.default, float):
+        return FloatProperty(**options, subtype="DISTANCE" if rule["unit"] == "scene units" else "NONE")
+    return IntProperty(**options)
+
+
+def _from_group(settings_type: type, group: bpy.types.PropertyGroup) -> Any:
+    values = {}
+    for item in fields(settings_type):
+        value = getattr(group, item.name)
+        if not item.metadata:
+            value = _from_group(item.default_factory, value)
+        elif item.default in OPEN_ENDED and value == 0:
+            value = item.default
+        elif isinstance(value, float):
+            # Blender stores 0.1 as the nearest float32; the number that was meant is its shortest decimal.
+            value = float(str(np.float32(value)))
+        values[item.name] = value
+    return settings_type(**values)
+
+
+def _flat(settings: Any, prefix: tuple[str, ...] = ()) -> dict[tuple[str, ...], Any]:
+    """Return nested settings as one dictionary, keyed by the path of attribute names."""
+    flat = {}
+    for item in fields(settings):
+        path, value = (*prefix, item.name), getattr(settings, item.name)
+        flat |= {path: value} if item.metadata else _flat(value, path)
+    return flat
+
+
+def _follow_preset(group: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
+    apply_preset(group, group.preset)
+
+
+class SSGI_PG_diffuse(bpy.types.PropertyGroup):
+    """Diffuse indirect light."""
+
+    __annotations__ = annotations_of(DiffuseSettings)
+
+
+class SSGI_PG_reflections(bpy.types.PropertyGroup):
+    """Glossy indirect light."""
+
+    __annotations__ = annotations_of(ReflectionSettings)
+
+
+class _SharedSettings:
+    """What both passes share; kept apart, since a class body either assigns or writes annotations."""
+
+    __annotations__ = annotations_of(Settings)
+
+
+class SSGI_PG_settings(_SharedSettings, bpy.types.PropertyGroup):
+    """Everything that a scene keeps for this extension."""
+
+    enabled: BoolProperty(
+        name="In Renders",
+        description="Add the indirect light to every render of this scene",
+        default=False,
+    )
+    preset: EnumProperty(
+        name="Preset",
+        description="Set rays and bounces to a point between speed and accuracy",
+        items=[(name, name.title(), "") for name in PRESETS],
+        default="balanced",
+        update=_follow_preset,
+    )
+    diffuse: PointerProperty(type=SSGI_PG_diffuse)
+    reflections: PointerProperty(type=SSGI_PG_reflections)
+
+    engine: EnumProperty(
+        name="Engine",
+        description="Which render engine renders the direct light",
+        items=[("cycles", "Cycles", "")],
+        default="cycles",
+    )
+    samples: IntProperty(
+        name="Samples",
+        description="Samples per pixel of the direct light",
+        default=16,
+        min=1,
+        max=1 << 24,
+        soft_max=1024,
+    )
+    denoise: BoolProperty(
+        name="Denoise",
+        description="Denoise the direct light, where this Blender has a denoiser",
+        default=True,
+    )
+
+    output: StringProperty(
+        name="Output",
+        description="Folder of the results; a file that was never saved uses Blender's temporary folder",
+        subtype="DIR_PATH",
+        default="//ssgi/",
+    )
+    overwrite: BoolProperty(name="Overwrite", description="Replace results of an earlier run", default=True)
+    save_passes: BoolProperty(
+        name="Save Passes",
+        description="Also write the captured passes and the camera, to compute the light without Blender",
+        default=False,
+    )
+    add_to_compositor: BoolProperty(
+        name="Add to Compositor",
+        description="Add the result to the compositor's output by a node group, or update that group",
+        default=True,
+    )
+    compare: BoolProperty(
+        name="Compare",
+        description="Also render the scene with Cycles' own indirect light, and measure the difference",
+        default=False,
+    )
+    reference_samples: IntProperty(
+        name="Reference Samples",
+        description="Samples per pixel of the render to compare with",
+        default=64,
+        min=1,
+        max=1 << 24,
+        soft_max=4096,
+    )
+    result: StringProperty(
+        name="Result", description="The file that the last run wrote", subtype="FILE_PATH", options={"HIDDEN"}
+    )
+
+
+CLASSES = (SSGI_PG_diffuse, SSGI_PG_reflections, SSGI_PG_settings)
+
+
+def register() -> None:
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.Scene.ssgi = PointerProperty(type=SSGI_PG_settings)
+
+
+def unregister() -> None:
+    del bpy.types.Scene.ssgi
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

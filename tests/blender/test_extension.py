@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The extension as Blender sees it: archive, registration, scene properties."""
+
+from __future__ import annotations
+
+import zipfile
+
+import pytest
+
+pytest.importorskip("bpy")
+
+from tests.blender.extension_fixtures import ROOT, blender_ext, installed_extension  # noqa: F401  (a fixture)
+
+
+def test_source_folder_and_archive_validate(extension):
+    for place in (ROOT, extension.archive):
+        checked = blender_ext("validate", place)
+        assert checked.returncode == 0, checked.stdout + checked.stderr
+
+
+def test_archive_holds_what_runs_and_nothing_else(extension):
+    names = set(zipfile.ZipFile(extension.archive).namelist())
+    assert {"blender_manifest.toml", "__init__.py", "LICENSE", "ssgi_addon/core/settings.py"} <= names
+    assert {name.partition("/")[0] for name in names if name.endswith(".py")} == {
+        "__init__.py",
+        "operators",
+        "ssgi_addon",
+    }
+    allowed = {"ssgi_addon", "operators", "wheels", "blender_manifest.toml", "__init__.py", "LICENSE"}
+    assert {name.partition("/")[0] for name in names} <= allowed | {"README.md", "CHANGELOG.md"}
+
+
+def test_disabling_leaves_nothing_behind(extension, tmp_path):
+    script = """
+def registered():
+    classes = [name for name in dir(bpy.types) if name.startswith("SSGI_")]
+    return [hasattr(bpy.types.Scene, "ssgi"), len(classes) > 5, "render" in dir(bpy.ops.ssgi)]
+
+result = [registered()]
+addon_utils.disable("bl_ext.user_default.ssgi")
+result.append(registered())
+enable()
+result.append(registered())
+"""
+    assert extension.run(script, tmp_path) == [[True] * 3, [False] * 3, [True] * 3]
+
+
+def test_properties_mean_the_core_settings(extension, tmp_path):
+    script = """
+from bl_ext.user_default.ssgi.ssgi_addon.core.settings import PRESETS, Settings
+from bl_ext.user_default.ssgi.ssgi_addon.properties import core_settings
+settings = bpy.context.scene.ssgi
+result = {"default": core_settings(settings) == Settings()}
+settings.seed = 7
+for name in PRESETS:
+    settings.preset = name
+    preset = Settings.preset(name)
+    settings_now = core_settings(settings)
+    result[name] = (settings_now.diffuse, settings_now.reflections) == (preset.diffuse, preset.reflections)
+result["seed"] = core_settings(settings).seed
+settings.threads, settings.max_distance, settings.diffuse.rays = 2, 12.5, 9
+changed = core_settings(settings)
+result["changed"] = [changed.threads, changed.max_distance, changed.diffuse.rays]
+"""
+    assert extension.run(script, tmp_path) == {
+        "default": True,
+        "draft": True,
+        "balanced": True,
+        "final": True,
+        "seed": 7,
+        "changed": [2, 12.5, 9],
+    }
+
+
+def test_every_property_has_a_name_and_help_in_blenders_form(extension, tmp_path):
+    script = """
+result = []
+def visit(group):
+    for item in group.bl_rna.properties:
+        if item.identifier in ("rna_type", "name"):
+            continue
+        if item.type == "POINTER":
+            visit(getattr(group, item.identifier))
+        elif not item.name or not item.description or item.description.endswith("."):
+            result.append(item.identifier)
+visit(bpy.context.scene.ssgi)
+"""
+    assert extension.run(script, tmp_path) == []
+
+
+def test_settings_are_saved_with_the_scene(extension, tmp_path):
+    script = """
+bpy.context.scene.ssgi.diffuse.rays = 33
+bpy.ops.wm.save_as_mainfile(filepath=str(out / "scene.blend"))
+bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+fresh = bpy.context.scene.ssgi.diffuse.rays
+bpy.ops.wm.open_mainfile(filepath=str(out / "scene.blend"))
+result = [fresh, bpy.context.scene.ssgi.diffuse.rays]
+"""
+    assert extension.run(script, tmp_path) == [16, 33]
+
+
+def test_panels_draw_existing_properties(extension, tmp_path):
+    script = """
+class Layout:
+    \"\"\"Takes the calls of a panel and looks up each property and operator that it names.\"\"\"
+    def prop(self, data, name, **_):
+        result.append(name)
+        getattr(data, name)
+    def operator(self, name, **_):
+        getattr(bpy.ops.ssgi, name.partition(".")[2]).get_rna_type()
+    def label(self, **_): pass
+    def column(self, **_): return self
+    row = column
+
+result = []
+for name in ("main", "diffuse", "reflections", "advanced", "output"):
+    panel = getattr(bpy.types, f"SSGI_PT_{name}")
+    self = type("Self", (), {"layout": Layout(), "draw_settings": panel.draw_settings})()
+    self.draw_settings = panel.draw_settings.__get__(self)
+    panel.draw(self, bpy.context)
+    if hasattr(panel, "draw_header"):
+        panel.draw_header(self, bpy.context)
+"""
+    drawn = extension.run(script, tmp_path)
+    assert len(drawn) == len(set(drawn)) + 4  # the passes share four names
+    assert {"preset", "rays", "thickness", "output"} <= set(drawn)
