@@ -4,6 +4,18 @@
 from .camera import Camera
 from .environment import Environment
 from .gbuffer import GBuffer
+from .light import IndirectLight, composite
+from .pipeline import render_indirect
 from .settings import DiffuseSettings, ReflectionSettings, Settings
 
-__all__ = ["Camera", "DiffuseSettings", "Environment", "GBuffer", "ReflectionSettings", "Settings"]
+__all__ = [
+    "Camera",
+    "DiffuseSettings",
+    "Environment",
+    "GBuffer",
+    "IndirectLight",
+    "ReflectionSettings",
+    "Settings",
+    "composite",
+    "render_indirect",
+]

@@ -152,15 +152,6 @@ class Camera:
         y = (self.cy - y_px) / self.fy * scale
         return np.stack(np.broadcast_arrays(x, y, -depth), axis=-1)
 
-    def view_vectors(self, x_px: FloatArray, y_px: FloatArray) -> FloatArray:
-        """Return unit view-space vectors ``(..., 3)`` from the surface seen at a pixel toward the camera."""
-        if self.is_orthographic:
-            toward = np.zeros((*np.broadcast_shapes(x_px.shape, y_px.shape), 3), dtype=x_px.dtype)
-            toward[..., 2] = 1.0
-            return toward
-        toward = -self.pixel_to_view(x_px, y_px, np.ones_like(x_px))
-        return toward / np.sqrt((toward * toward).sum(axis=-1, keepdims=True))
-
 
 def _is_number(value: object) -> bool:
     return isinstance(value, (int, float, np.integer, np.floating)) and math.isfinite(value)

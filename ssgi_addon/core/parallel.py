@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Work on chunks of pixels by threads; numpy releases the interpreter lock inside its loops."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+
+from .types import IntArray
+
+# Rays that one task holds at a time: enough for the walk's groups by octant, little enough to bound memory.
+RAYS_PER_TASK = 262144
+
+Progress = Callable[[float, str], None]
+Advance = Callable[[float], None]
+
+
+def thread_count(threads: int | None) -> int:
+    """Return `threads`, or the number of cores this process may use."""
+    if threads is not None:
+        return threads
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def split(items: IntArray, per_chunk: int) -> list[IntArray]:
+    """Cut a list of pixels into chunks whose sizes do not depend on the number of threads."""
+    return [items[begin : begin + per_chunk] for begin in range(0, items.shape[0], per_chunk)]
+
+
+def run_chunks(
+    work: Callable[[IntArray], None],
+    chunks: list[IntArray],
+    threads: int | None,
+    advance: Advance | None = None,
+) -> None:
+    """Call `work` on every chunk; join all threads before returning or raising.
+
+    `advance` is called in this thread with the finished fraction and may raise to cancel the rest.
+    """
+    workers = min(thread_count(threads), len(chunks))
+    if workers <= 1:
+        for done, chunk in enumerate(chunks, start=1):
+            work(chunk)
+            if advance is not None:
+                advance(done / len(chunks))
+        return
+    with ThreadPoolExecutor(workers, thread_name_prefix="ssgi") as pool:
+        pending = {pool.submit(work, chunk) for chunk in chunks}
+        try:
+            while pending:
+                done, pending = wait(pending, timeout=0.1, return_when=FIRST_EXCEPTION)
+                for future in done:
+                    future.result()
+                if advance is not None:
+                    advance(1.0 - len(pending) / len(chunks))
+        except BaseException:
+            pool.shutdown(wait=True, cancel_futures=True)
+            raise

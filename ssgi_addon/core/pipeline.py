@@ -1,0 +1,286 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From a G-buffer to its indirect light: plan, trace, bounce, smooth."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from . import diffuse, ggx, parallel, reflections
+from .camera import Camera
+from .denoise import filter_light
+from .depth_field import MAX_LEVEL
+from .environment import Environment
+from .gbuffer import GBuffer
+from .light import IndirectLight, luminance
+from .scene import TraceScene, View
+from .settings import Settings
+from .types import FloatArray, IntArray
+
+# Colours below this change no pixel of an 8-bit picture, whatever light they receive within its range.
+_BLACK = 1e-4
+_DIFFUSE_LEVELS = 3
+# Bounces stop when one adds less than this fraction of the light so far.
+_LEAST_BOUNCE = 1e-3
+
+
+def render_indirect(
+    gbuffer: GBuffer,
+    camera: Camera,
+    settings: Settings,
+    environment: Environment | None = None,
+    views: Sequence[View] = (),
+    progress: parallel.Progress | None = None,
+) -> IndirectLight:
+    """Compute the indirect light of a frame.
+
+    Parameters
+    ----------
+    gbuffer, camera
+        The frame.
+    settings
+        How to sample; see `Settings.preset`.
+    environment
+        Radiance that escaping rays bring; None where the direct light already counts it, or there is none.
+    views
+        Further (GBuffer, Camera) pairs, placed by `Camera.world_from_view`, that rays continue in.
+    progress
+        Called with the finished fraction and a text, in this thread; may raise to cancel.
+
+    Raises
+    ------
+    ValueError
+        If an argument is of the wrong type, or G-buffer and camera differ in size.
+    """
+    _check_types(gbuffer, camera, settings, environment, views)
+    run = _Run(gbuffer, camera, settings, environment, progress)
+    diffuse_pixels, glossy_pixels = run.plan()
+    max_level = 0 if settings.reflections.method == "linear" and not diffuse_pixels.size else MAX_LEVEL
+    with run.timed("pyramid"):
+        run.scene = TraceScene(gbuffer, camera, views, settings, max_level=max_level)
+    with run.timed("diffuse"):
+        run.trace_diffuse(diffuse_pixels)
+    with run.timed("reflections"):
+        if settings.reflections.method == "linear" and max_level and glossy_pixels.size:
+            run.scene = TraceScene(gbuffer, camera, views, settings, max_level=0)
+        run.trace_reflections(glossy_pixels)
+    run.report(1.0, "Done")
+    return run.result()
+
+
+def _check_types(gbuffer: object, camera: object, settings: object, environment: object, views: object) -> None:
+    expected = (("gbuffer", gbuffer, GBuffer), ("camera", camera, Camera), ("settings", settings, Settings))
+    for name, value, kind in expected:
+        if not isinstance(value, kind):
+            raise ValueError(f"{name}: expected {kind.__name__}, got {type(value).__name__}")
+    if environment is not None and not isinstance(environment, Environment):
+        raise ValueError(f"environment: expected Environment or None, got {type(environment).__name__}")
+    if not isinstance(views, Sequence):
+        raise ValueError(f"views: expected a sequence of (GBuffer, Camera), got {type(views).__name__}")
+    for view in views:
+        if not (isinstance(view, tuple) and len(view) == 2):
+            raise ValueError(f"views: expected pairs (GBuffer, Camera), got {type(view).__name__}")
+        if not (isinstance(view[0], GBuffer) and isinstance(view[1], Camera)):
+            raise ValueError(
+                f"views: expected (GBuffer, Camera), got ({type(view[0]).__name__}, {type(view[1]).__name__})"
+            )
+
+
+class _Run:
+    """The arrays of one call of `render_indirect`, filled step by step."""
+
+    scene: TraceScene
+
+    def __init__(
+        self,
+        gbuffer: GBuffer,
+        camera: Camera,
+        settings: Settings,
+        environment: Environment | None,
+        progress: parallel.Progress | None,
+    ) -> None:
+        self.gbuffer, self.camera, self.settings, self.environment = gbuffer, camera, settings, environment
+        self.progress = progress
+        height, width = gbuffer.shape
+        dtype = gbuffer.depth.dtype
+        self.diffuse = np.zeros((height * width, 3), dtype=dtype)
+        self.environment_diffuse = np.zeros_like(self.diffuse)
+        self.glossy = np.zeros_like(self.diffuse)
+        self.visibility = np.ones(height * width, dtype=dtype)
+        self.known_diffuse = np.ones_like(self.visibility)
+        self.known_glossy = np.ones_like(self.visibility)
+        # Diffuse light of all bounces but the last: what hits hand on to reflections
+        self.earlier_bounces = np.zeros_like(self.diffuse)
+        self.skipped: list[tuple[str, str]] = []
+        self.seconds: dict[str, float] = {}
+        self.rays: dict[str, int] = {"diffuse": 0, "reflections": 0}
+
+    def report(self, fraction: float, text: str) -> None:
+        if self.progress is not None:
+            self.progress(fraction, text)
+
+    def timed(self, name: str) -> _Timer:
+        return _Timer(self.seconds, name)
+
+    def plan(self) -> tuple[IntArray, IntArray]:
+        """Decide which pixels need diffuse and which need reflection rays; say what is left out."""
+        is_surface = ~self.gbuffer.is_background.reshape(-1)
+        surfaces = int(is_surface.sum())
+        chosen = []
+        for name, color, part in (
+            ("diffuse", self.gbuffer.albedo, self.settings.diffuse),
+            ("reflections", self.gbuffer.specular, self.settings.reflections),
+        ):
+            is_needed = is_surface & (color.reshape(-1, 3).max(axis=1) > _BLACK)
+            pixels = np.flatnonzero(is_needed) if part.enabled else np.empty(0, dtype=np.int64)
+            chosen.append(pixels)
+            if not part.enabled:
+                self.skipped.append((name, "switched off"))
+            elif not surfaces:
+                self.skipped.append((name, "no surface in the frame"))
+            elif not pixels.size:
+                self.skipped.append((name, "no surface in the frame has such a colour"))
+            elif pixels.size < surfaces:
+                self.skipped.append((f"{name} of {surfaces - pixels.size} pixels", "their colour is black"))
+        if surfaces < is_surface.size:
+            self.skipped.append((f"{is_surface.size - surfaces} pixels", "background"))
+        if self.environment is None:
+            self.skipped.append(("environment light", "none given, or the direct light already holds it"))
+        return chosen[0], chosen[1]
+
+    def trace_diffuse(self, pixels: IntArray) -> None:
+        """Fill diffuse, environment_diffuse, visibility, known_diffuse and earlier_bounces."""
+        if not pixels.size:
+            return
+        settings = self.settings
+        source = self.scene.table("diffuse_source")
+        samples = diffuse.sample_hemispheres(
+            self.gbuffer, self.camera, self.scene, source, self.environment, settings, pixels,
+            lambda fraction: self.report(0.05 + 0.55 * fraction, "Diffuse light"),
+        )  # fmt: skip
+        self.rays["diffuse"] = pixels.size * settings.diffuse.rays
+        self.visibility[pixels] = samples.visibility
+        self.known_diffuse[pixels] = samples.known
+        self.environment_diffuse[pixels] = samples.environment
+        self.diffuse[pixels] = self._bounce(samples, source)
+        if settings.diffuse.filter:
+            self._smooth_diffuse(samples)
+
+    def _bounce(self, samples: diffuse.HemisphereSamples, source: FloatArray) -> FloatArray:
+        """Return the light of all bounces, and keep that of all but the last for reflections."""
+        albedo = self.gbuffer.albedo.reshape(-1, 3)
+        frame = slice(0, albedo.shape[0])
+        light = self._fill(samples.bounce + samples.environment, samples.known, samples.hit.shape[0])
+        for _ in range(self.settings.diffuse.bounces - 1):
+            self.earlier_bounces[samples.pixel] = light
+            handed_on = source.copy()
+            handed_on[frame] += albedo * self.earlier_bounces
+            bounce = diffuse.gather_bounce(samples, handed_on, self.settings.threads)
+            brighter = self._fill(bounce + samples.environment, samples.known, samples.hit.shape[0])
+            added = float((brighter - light).sum(dtype=np.float64))
+            light = brighter
+            if added <= _LEAST_BOUNCE * float(light.sum(dtype=np.float64)):
+                break
+        return light
+
+    def _fill(self, answered: FloatArray, known: FloatArray, rays: int) -> FloatArray:
+        """Give unknown samples the mean of the pixel's answered ones where the settings ask for it.
+
+        The frame's own mean counts as one more answered sample, for pixels with none or few.
+        """
+        if self.settings.unknown != "mean":
+            return answered
+        total = float(known.sum(dtype=np.float64))
+        overall = answered.sum(axis=0, dtype=np.float64) / total if total else np.zeros(3)
+        one = 1.0 / rays
+        mean = (answered + (overall * one).astype(answered.dtype)) / (known + one)[:, None]
+        return answered + (1.0 - known)[:, None] * mean
+
+    def _smooth_diffuse(self, samples: diffuse.HemisphereSamples) -> None:
+        height, width = self.gbuffer.shape
+        variance = np.zeros(height * width, dtype=self.diffuse.dtype)
+        variance[samples.pixel] = samples.variance
+        levels = np.zeros(height * width, dtype=np.int64)
+        levels[samples.pixel] = _DIFFUSE_LEVELS
+        signal = np.concatenate([self.diffuse, self.environment_diffuse, self.visibility[:, None]], axis=1)
+        smooth = filter_light(
+            self.gbuffer, self.camera, signal.reshape(height, width, 7), variance.reshape(height, width),
+            levels.reshape(height, width), self.settings.threads,
+        ).reshape(-1, 7)  # fmt: skip
+        self.diffuse, self.environment_diffuse = smooth[:, :3].copy(), smooth[:, 3:6].copy()
+        self.visibility = np.minimum(smooth[:, 6], 1.0)
+
+    def trace_reflections(self, pixels: IntArray) -> None:
+        """Fill glossy and known_glossy."""
+        if not pixels.size:
+            return
+        source = self.scene.table("reflection_source")
+        source[: self.diffuse.shape[0]] += self.gbuffer.albedo.reshape(-1, 3) * self.earlier_bounces
+        is_mirror = self.gbuffer.roughness.reshape(-1).take(pixels) < ggx.MIRROR_ROUGHNESS
+        variance = np.zeros(self.visibility.shape[0], dtype=self.glossy.dtype)
+        for part, rays in ((pixels[is_mirror], 1), (pixels[~is_mirror], self.settings.reflections.rays)):
+            if not part.size:
+                continue
+            samples = reflections.sample_lobes(
+                self.gbuffer, self.camera, self.scene, source, self.environment, self.settings, part, rays,
+                lambda fraction: self.report(0.65 + 0.3 * fraction, "Reflections"),
+            )  # fmt: skip
+            self.rays["reflections"] += part.size * rays
+            self.known_glossy[part] = samples.known
+            self.glossy[part] = self._fill(samples.radiance, samples.known, rays)
+            variance[part] = samples.variance
+        rough = pixels[~is_mirror]
+        if self.settings.reflections.filter and rough.size:
+            height, width = self.gbuffer.shape
+            levels = np.zeros(height * width, dtype=np.int64)
+            levels[rough] = _lobe_levels(self.gbuffer.roughness.reshape(-1).take(rough))
+            self.glossy = filter_light(
+                self.gbuffer, self.camera, self.glossy.reshape(height, width, 3), variance.reshape(height, width),
+                levels.reshape(height, width), self.settings.threads,
+            ).reshape(-1, 3)  # fmt: skip
+
+    def result(self) -> IndirectLight:
+        height, width = self.gbuffer.shape
+        weight_diffuse = luminance(self.gbuffer.albedo.reshape(-1, 3))
+        weight_glossy = luminance(self.gbuffer.specular.reshape(-1, 3))
+        total = weight_diffuse + weight_glossy
+        known = weight_diffuse * self.known_diffuse + weight_glossy * self.known_glossy
+        known = np.where(total > 0.0, known / np.where(total > 0.0, total, 1.0), 1.0)
+        known[self.gbuffer.is_background.reshape(-1)] = 1.0
+        return IndirectLight(
+            diffuse=_image(self.diffuse, (height, width, 3)),
+            glossy=_image(self.glossy, (height, width, 3)),
+            visibility=_image(self.visibility, (height, width)),
+            known_diffuse=_image(self.known_diffuse, (height, width)),
+            known_glossy=_image(self.known_glossy, (height, width)),
+            known=_image(np.minimum(known, 1.0), (height, width)),
+            environment_diffuse=_image(self.environment_diffuse, (height, width, 3)),
+            skipped=tuple(self.skipped),
+            seconds=dict(self.seconds),
+            rays=dict(self.rays),
+        )
+
+
+@dataclass
+class _Timer:
+    seconds: dict[str, float]
+    name: str
+    begun: float = field(default=0.0)
+
+    def __enter__(self) -> None:
+        self.begun = time.perf_counter()
+
+    def __exit__(self, *_: object) -> None:
+        self.seconds[self.name] = time.perf_counter() - self.begun
+
+
+def _image(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    return np.ascontiguousarray(values, dtype=np.float32).reshape(shape)
+
+
+def _lobe_levels(roughness: FloatArray) -> IntArray:
+    """Return how many filter passes a lobe takes: sharp reflections are blurred less than they are wide."""
+    return np.searchsorted([0.1, 0.2, 0.4], roughness, side="right").astype(np.int64)
