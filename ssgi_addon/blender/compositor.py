@@ -172,7 +172,7 @@ def _load_image(path: Path) -> bpy.types.Image:
     """Load a result file as an image data-block, or raise SSGIError with what is wrong with it."""
     if not path.is_file():
         raise SSGIError(f"{path}: there is no such file: render the indirect light first")
-    image = bpy.data.images.load(str(path.resolve()))
+    image = bpy.data.images.load(_blender_path(path.resolve()))
     image.name = f"{GROUP_NAME} {path.stem}"
     compat.set_scene_linear(image)
     probe = bpy.data.node_groups.new(".ssgi probe", "CompositorNodeTree")
@@ -185,6 +185,15 @@ def _load_image(path: Path) -> bpy.types.Image:
             f"{path}: not a result of this add-on, it lacks {', '.join(missing)}: render it again"
         )
     return image
+
+
+def _blender_path(path: Path) -> str:
+    """Name a file relative to the blend file where it lies below its folder, so that both can move."""
+    if bpy.data.filepath:
+        folder = Path(bpy.data.filepath).resolve().parent
+        if path.is_relative_to(folder):
+            return "//" + path.relative_to(folder).as_posix()
+    return str(path)
 
 
 def _add_image_node(tree: bpy.types.NodeTree, image: bpy.types.Image) -> bpy.types.Node:

@@ -226,6 +226,19 @@ def test_group_survives_saving_and_loading(scene, result, tmp_path):
     assert len(compositor.publish_layers(loaded, path)) == 1
 
 
+def test_project_folder_can_be_moved(scene, tmp_path):
+    project, layers = tmp_path / "project", result_layers()
+    write_layers(project / "ssgi" / "result.exr", layers)
+    bpy.ops.wm.save_as_mainfile(filepath=str(project / "scene.blend"))
+    direct = render_pixels(scene, tmp_path)
+    compositor.publish_layers(scene, project / "ssgi" / "result.exr")
+    bpy.ops.wm.save_mainfile()
+    moved = project.rename(tmp_path / "moved")
+    bpy.ops.wm.open_mainfile(filepath=str(moved / "scene.blend"))
+    picture = render_pixels(bpy.context.scene, tmp_path)
+    np.testing.assert_allclose(picture, direct + added_light(layers), rtol=0, atol=COMPOSITED)
+
+
 def test_missing_file_is_refused_without_a_trace(scene, tmp_path):
     before = fingerprint(scene)
     with pytest.raises(SSGIError, match="no such file"):
