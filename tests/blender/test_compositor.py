@@ -8,7 +8,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from ssgi_addon.blender import compat, compositor
+from ssgi_addon.blender import compat, compositor, layer_group
 from ssgi_addon.errors import SSGIError
 from ssgi_addon.exr import read_layers, write_layers
 from tests.tolerances import COMPOSITED
@@ -38,8 +38,8 @@ def scene():
 
 def result_layers(width=WIDTH, height=HEIGHT, seed=0):
     random = np.random.default_rng(seed)
-    layers = {name: random.random((height, width, 3), np.float32) for name in compositor.COLOR_LAYERS}
-    layers |= {name: random.random((height, width), np.float32) for name in compositor.VALUE_LAYERS}
+    layers = {name: random.random((height, width, 3), np.float32) for name in layer_group.COLOR_LAYERS}
+    layers |= {name: random.random((height, width), np.float32) for name in layer_group.VALUE_LAYERS}
     return layers
 
 
@@ -205,7 +205,7 @@ def test_nodes_that_the_user_added_after_publishing_survive_removal(scene, resul
 
 def test_a_users_group_of_the_same_name_is_not_touched(scene, result):
     tree = users_tree(scene)
-    theirs = bpy.data.node_groups.new(compositor.GROUP_NAME, "CompositorNodeTree")
+    theirs = bpy.data.node_groups.new(layer_group.GROUP_NAME, "CompositorNodeTree")
     their_node = tree.nodes.new("CompositorNodeGroup")
     their_node.node_tree = theirs
     (node,) = compositor.publish_layers(scene, result[0])
