@@ -42,8 +42,8 @@ def require_bpy() -> None:
             raise
         python = f"{sys.version_info.major}.{sys.version_info.minor}"
         raise SSGIError(
-            f"this needs Blender as a Python module, under {SERVES_PYTHON}, and here is Python {python} without it: "
-            "pip install 'ssgi[blender]'"
+            f"this needs Blender as a Python module: pip install 'ssgi[blender]' under {SERVES_PYTHON}; "
+            f"here is Python {python} without it"
         ) from error
     except ImportError as error:
         raise SSGIError(explain_import_error(str(error))) from error
@@ -60,6 +60,6 @@ def explain_import_error(text: str) -> str:
         return f"Blender needs the system library {library}: install the package that holds it"
     others = " ".join(sorted(DEBIAN_PACKAGES.values()))
     return (
-        f"Blender needs the system library {library}: apt-get install {package} (all that it needs: {others}; "
-        "other systems have packages of similar names)"
+        f"Blender needs the system library {library}: apt-get install {package} "
+        f"(Debian's names; it may need more of {others})"
     )

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -74,9 +74,16 @@ def console() -> None:
     sys.exit(main())
 
 
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line; the usage is a `--help` away."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(BAD_USAGE, f"ssgi: error: {message} (see {self.prog} --help)\n")
+
+
 def build_parser(*, inside_blender: bool = False) -> argparse.ArgumentParser:
     """Return the parser; each command's function stands in ``run`` of its result."""
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="blender --command ssgi" if inside_blender else "ssgi",
         description="Screen-space global illumination for Blender.",
         epilog="Exit codes: 0 done, 1 the work failed, 2 bad usage.",

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+# `make demo` and `make test` set up what they need in .venv. PYTHON=... chooses the Python by hand.
+
+VENV := .venv
+RUN := $(VENV)/bin/python
+READY := $(VENV)/.ready
+ARGS ?=
+
+export PIP_CACHE_DIR := $(CURDIR)/.cache/pip
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# Blender finds no preferences and no extensions of the user here, and leaves none.
+export BLENDER_USER_RESOURCES := $(CURDIR)/.cache/blender
+
+.PHONY: help env demo test lint package clean
+
+help:
+	@echo "make env      environment with Blender as a Python module, in $(VENV)"
+	@echo "make demo     the whole job on the demo scene; prints where the picture is"
+	@echo "make test     all tests (ARGS='-k name' for some)"
+	@echo "make lint     style and types"
+	@echo "make package  the extension, in dist/"
+	@echo "make clean    remove the environment and everything that was built"
+
+env: $(READY)
+
+# Blender 5.2 runs in Python 3.13, Blender 5.0 in 3.11; pyproject.toml picks the one that fits.
+$(READY): pyproject.toml .ci/find-python .ci/check_blender.py
+	@python="$(PYTHON)"; [ -n "$$python" ] || python=$$(.ci/find-python 3.13 3.11) || exit 1; \
+	echo "environment: $$($$python --version) in $(VENV)"; \
+	$$python -m venv --clear $(VENV)
+	@mkdir -p "$(BLENDER_USER_RESOURCES)"
+	@$(RUN) -m pip install --quiet --editable '.[blender,dev]'
+	@$(RUN) -m pip install --quiet '.[metrics]' || echo "FLIP has no package for this Python: reports leave it out"
+	@$(RUN) .ci/check_blender.py
+	@touch $@
+
+demo: $(READY)
+	@$(RUN) -m ssgi_addon demo $(ARGS)
+
+test: $(READY)
+	@$(RUN) -m pytest $(ARGS)
+
+lint: $(READY)
+	@$(RUN) -m ruff check
+	@$(RUN) -m ruff format --check
+	@$(RUN) -m mypy
+
+package: $(READY)
+	@mkdir -p dist
+	@tool=$$(ls $(VENV)/lib/python3*/site-packages/bpy/*/scripts/addons_core/bl_pkg/cli/blender_ext.py); \
+	$(RUN) $$tool build --source-dir . --output-dir dist && \
+	$(RUN) $$tool validate dist/ssgi-$$($(RUN) -c 'import ssgi_addon; print(ssgi_addon.__version__)').zip
+
+clean:
+	rm -rf $(VENV) .cache build dist ssgi.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

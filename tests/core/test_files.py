@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+import json
+import os
+
+import pytest
+
+from ssgi_addon.errors import SSGIError
+from ssgi_addon.files import read_json, replacing, write_json
+
+
+def test_file_appears_at_the_end_and_not_before(tmp_path):
+    path = tmp_path / "new" / "result.exr"
+    with replacing(path) as temporary:
+        temporary.write_bytes(b"half")
+        assert not path.exists()
+        assert temporary.parent == path.parent
+    assert path.read_bytes() == b"half"
+    assert os.listdir(path.parent) == ["result.exr"]
+
+
+def test_failure_leaves_the_old_file_and_nothing_else(tmp_path):
+    path = tmp_path / "result.exr"
+    path.write_bytes(b"old")
+    with pytest.raises(ZeroDivisionError), replacing(path) as temporary:
+        temporary.write_bytes(b"half")
+        raise ZeroDivisionError
+    assert path.read_bytes() == b"old"
+    assert os.listdir(tmp_path) == ["result.exr"]
+
+
+def test_temporary_file_is_no_result(tmp_path):
+    with replacing(tmp_path / "result.exr") as temporary:
+        temporary.write_bytes(b"half")
+        assert not list(tmp_path.glob("*.exr"))
+        assert temporary.name.startswith(".")
+
+
+def test_full_disk_is_one_clear_line(tmp_path):
+    with pytest.raises(SSGIError, match="No space left on device") as raised, replacing(tmp_path / "a"):
+        raise OSError(28, "No space left on device")
+    assert str(tmp_path / "a") in str(raised.value)
+    assert os.listdir(tmp_path) == []
+
+
+def test_unwritable_folder_is_one_clear_line(read_only_folder):
+    with pytest.raises(SSGIError, match="cannot write"):
+        write_json(read_only_folder / "report.json", {})
+
+
+def test_folder_in_the_files_place_is_one_clear_line(tmp_path):
+    (tmp_path / "report.json").mkdir()
+    with pytest.raises(SSGIError, match="cannot write"):
+        write_json(tmp_path / "report.json", {})
+    assert os.listdir(tmp_path) == ["report.json"]
+
+
+def test_json_reads_back(tmp_path):
+    data = {"seconds": 0.1, "notes": ["Größe"], "camera": None}
+    write_json(tmp_path / "a.json", data)
+    assert read_json(tmp_path / "a.json") == data
+
+
+def test_json_holds_no_nan(tmp_path):
+    with pytest.raises(ValueError, match="JSON"):
+        write_json(tmp_path / "a.json", {"relmse": float("nan")})
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("text", ["", "{", "\udcff"])
+def test_damaged_json_is_one_clear_line(tmp_path, text):
+    path = tmp_path / "a.json"
+    path.write_bytes(text.encode("utf-8", "surrogateescape"))
+    with pytest.raises(SSGIError, match="not a JSON file"):
+        read_json(path)
+
+
+def test_missing_json_is_one_clear_line(tmp_path):
+    with pytest.raises(SSGIError, match="cannot read"):
+        read_json(tmp_path / "a.json")
+
+
+def test_report_is_valid_json_for_other_readers(tmp_path):
+    write_json(tmp_path / "a.json", {"a": [1, 2.5, None, True]})
+    assert json.loads((tmp_path / "a.json").read_text()) == {"a": [1, 2.5, None, True]}
