@@ -139,7 +139,7 @@ class SSGI_PG_settings(_SharedSettings, bpy.types.PropertyGroup):
         default="cycles",
     )
     samples: IntProperty(
-        name="Samples",
+        name="Direct Samples",
         description="Samples per pixel of the direct light",
         default=16,
         min=1,
@@ -156,6 +156,7 @@ class SSGI_PG_settings(_SharedSettings, bpy.types.PropertyGroup):
         name="Output",
         description="Folder of the results; a file that was never saved uses Blender's temporary folder",
         subtype="DIR_PATH",
+        options={"PATH_SUPPORTS_BLEND_RELATIVE"},
         default="//ssgi/",
     )
     overwrite: BoolProperty(name="Overwrite", description="Replace results of an earlier run", default=True)
