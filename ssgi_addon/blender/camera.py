@@ -27,15 +27,20 @@ def check_camera(scene: bpy.types.Scene) -> None:
     if camera is None:
         raise SSGIError(f"Scene '{scene.name}' has no camera: set one in Scene properties > Camera.")
     if camera.type != "CAMERA":
-        raise SSGIError(f"'{camera.name}' is used as the camera of '{scene.name}' but is a "
-                        f"{camera.type.lower()} object: set a camera object in Scene properties > Camera.")
+        raise SSGIError(
+            f"'{camera.name}' is used as the camera of '{scene.name}' but is a "
+            f"{camera.type.lower()} object: set a camera object in Scene properties > Camera."
+        )
     if camera.data.type not in {"PERSP", "ORTHO"}:
         kind = "panoramic" if camera.data.type == "PANO" else camera.data.type.lower()
-        raise SSGIError(f"Camera '{camera.name}' is {kind}: screen-space light needs a perspective or "
-                        "orthographic camera, set it in Camera properties > Lens > Type.")
+        raise SSGIError(
+            f"Camera '{camera.name}' is {kind}: screen-space light needs a perspective or "
+            "orthographic camera, set it in Camera properties > Lens > Type."
+        )
     if scene.render.use_multiview:
-        raise SSGIError(f"Scene '{scene.name}' renders stereoscopic views: switch off "
-                        "Output properties > Stereoscopy.")
+        raise SSGIError(
+            f"Scene '{scene.name}' renders stereoscopic views: switch off Output properties > Stereoscopy."
+        )
 
 
 def camera_of_render(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> Camera:
@@ -105,8 +110,8 @@ def rendered_region(scene: bpy.types.Scene) -> tuple[int, int, int, int]:
     if not (render.use_border and render.use_crop_to_border):
         return 0, 0, width, height
     # Blender multiplies in single precision and cuts off.
-    left, right = (int(np.float32(edge) * np.float32(width)) for edge in (render.border_min_x, render.border_max_x))
-    bottom, top = (int(np.float32(edge) * np.float32(height)) for edge in (render.border_min_y, render.border_max_y))
+    left, right = (int(np.float32(width) * edge) for edge in (render.border_min_x, render.border_max_x))
+    bottom, top = (int(np.float32(height) * edge) for edge in (render.border_min_y, render.border_max_y))
     return left, height - top, right - left, top - bottom
 
 
@@ -116,7 +121,9 @@ def _pose(engine: bpy.types.RenderEngine, camera: bpy.types.Object) -> np.ndarra
     axes = pose[:3, :3] / np.linalg.norm(pose[:3, :3], axis=0)
     shear = np.abs(axes.T @ axes - np.eye(3)).max()
     if not shear < _LARGEST_SHEAR:
-        raise SSGIError(f"Camera '{camera.name}' is sheared by the scale of its parents: apply their scale "
-                        "(Object > Apply > Scale).")
+        raise SSGIError(
+            f"Camera '{camera.name}' is sheared by the scale of its parents: apply their scale "
+            "(Object > Apply > Scale)."
+        )
     pose[:3, :3] = axes
     return pose

@@ -10,20 +10,19 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from ..blender_passes import FARTHEST_SURFACE
 from ..core import Camera, GBuffer
 from ..errors import SSGIError
 from ..frame import CapturedFrame
+from .capture_notes import capture_notes
 from .cycles_passes import RenderedPasses, render_passes
-from .light_notes import lost_light_notes
 from .render_settings import borrow_denoiser, borrow_passes, borrow_scene
 from .restore import Restorer
 from .roughness import borrow_roughness
+from .volumes import borrow_clear_air
 
 FloatArray = NDArray[np.float32]
 Progress = Callable[[float, str], None]
-
-# Cycles writes 1e10 for the sky and holdouts.
-_FARTHEST_DEPTH = 1e9
 
 _LIGHT_PASSES = (
     "Combined",
@@ -111,7 +110,7 @@ def capture_frame(
         geometry, roughness = _capture_geometry(scene, view_layer)
         report(0.3, "Direct light")
         light, is_denoised = _capture_light(scene, view_layer, options)
-        notes = lost_light_notes(scene)
+        notes = capture_notes(scene)
     if options.denoise and not is_denoised:
         notes = (*notes, "This Blender has no denoiser: the direct light is not denoised.")
     report(1.0, "Captured")
@@ -135,6 +134,7 @@ def _capture_geometry(
         restorer.change(scene.render, use_motion_blur=False)
         restorer.change(scene.camera.data.dof, use_dof=False)
         borrow_denoiser(restorer, scene, view_layer, wanted=False)
+        borrow_clear_air(restorer, view_layer)
         roughness = borrow_roughness(restorer, view_layer)
         names = ("Depth", "Normal", "Position", *roughness.passes)
         borrow_passes(restorer, view_layer, names)
@@ -160,7 +160,7 @@ def _assemble(
     depth = geometry.layers["Depth"]
     source = light.layers["Diffuse Direct"] * light.layers["Diffuse Color"]
     gbuffer = GBuffer(
-        depth=np.where(depth < _FARTHEST_DEPTH, depth, np.float32(np.inf)),
+        depth=np.where(depth < FARTHEST_SURFACE, depth, np.float32(np.inf)),
         normal=_world_to_view(geometry.layers["Normal"], camera),
         albedo=light.layers["Diffuse Color"],
         specular=light.layers["Glossy Color"],
@@ -176,7 +176,12 @@ def _assemble(
         engine="cycles",
         emission_in_direct=True,
         world_in_direct=True,
-        layers={**light.layers, "Depth": depth, "Normal": geometry.layers["Normal"], "Position": geometry.layers["Position"]},
+        layers={
+            **light.layers,
+            "Depth": depth,
+            "Normal": geometry.layers["Normal"],
+            "Position": geometry.layers["Position"],
+        },
         seconds={"geometry": geometry.seconds, "light": light.seconds},
         notes=notes,
     )

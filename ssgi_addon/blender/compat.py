@@ -81,11 +81,11 @@ def set_scene_linear(image: bpy.types.Image) -> None:
         image.colorspace_settings.name = bpy.data.colorspace.working_space
 
 
-def uses_nodes(material: bpy.types.Material) -> bool:
-    """Whether the nodes of `material` make its look; before 5.0 they could be switched off."""
+def uses_nodes(owner: bpy.types.Material | bpy.types.World) -> bool:
+    """Whether its nodes make the look of a material or a world; before 5.0 they could be switched off."""
     if bpy.app.version >= (5, 0, 0):
-        return material.node_tree is not None
-    return material.use_nodes and material.node_tree is not None
+        return owner.node_tree is not None
+    return owner.use_nodes and owner.node_tree is not None
 
 
 def has_roughness_pass(view_layer: bpy.types.ViewLayer) -> bool:

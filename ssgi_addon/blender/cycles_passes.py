@@ -49,7 +49,7 @@ class RenderedPasses:
     Attributes
     ----------
     layers
-        Passes by their long names, top row first: ``(H, W, 3)``, or ``(H, W)`` for single values. Alpha is left out.
+        Passes by their long names, top row first: ``(H, W, 3)`` without alpha, or ``(H, W)``.
     camera
         Of the rendered region.
     seconds
@@ -81,10 +81,12 @@ def cycles_engine() -> type[bpy.types.RenderEngine]:
     for engine in bpy.types.RenderEngine.__subclasses__():
         if getattr(engine, "bl_idname", None) == "CYCLES" and engine.is_registered:
             return engine
-    raise SSGIError("The Cycles render engine is not available: enable it in Preferences > Add-ons > Cycles Render Engine.")
+    raise SSGIError("The Cycles render engine is not available: enable it in Preferences > Add-ons.")
 
 
-def render_passes(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, names: Iterable[str]) -> RenderedPasses:
+def render_passes(
+    scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, names: Iterable[str]
+) -> RenderedPasses:
     """Render `scene` with the settings that it has and return passes of `view_layer`.
 
     The passes are read after Cycles has finished and before Blender goes on, which is the only moment
@@ -108,10 +110,10 @@ def render_passes(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, names
     names = tuple(names)
 
     def read(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> None:
-        if depsgraph.scene.name == scene.name and depsgraph.view_layer.name == view_layer.name:
-            if not engine.test_break():
-                rendered.camera = camera_of_render(engine, depsgraph)
-                rendered.layers = _read_result(engine, scene, view_layer.name, names)
+        is_ours = depsgraph.scene.name == scene.name and depsgraph.view_layer.name == view_layer.name
+        if is_ours and not engine.test_break():
+            rendered.camera = camera_of_render(engine, depsgraph)
+            rendered.layers = _read_result(engine, scene, view_layer.name, names)
 
     start = time.perf_counter()
     with _after_render(cycles_engine(), read):
@@ -132,14 +134,14 @@ def _after_render(
 ) -> Iterator[None]:
     """Call `read` whenever Cycles has finished a view layer; its exceptions surface here."""
     original = engine_class.render
-    failures: list[Exception] = []
+    failures: list[BaseException] = []
 
     def render(self: Any, depsgraph: bpy.types.Depsgraph) -> None:
         try:
             original(self, depsgraph)
             read(self, depsgraph)
-        except Exception as error:
-            # Blender would print it and go on. Its frames must not keep the engine alive beyond its render.
+        except BaseException as error:  # also Ctrl-C: Blender would print it and go on
+            # Its frames must not keep the engine alive beyond its render.
             traceback.clear_frames(error.__traceback__)
             failures.append(error)
         finally:
@@ -160,7 +162,7 @@ def _read_result(
     result = engine.get_result()
     width, height = result.resolution_x, result.resolution_y
     if (width, height) != rendered_region(scene)[2:]:
-        raise RuntimeError(f"Cycles returned {width} x {height} pixels, expected {rendered_region(scene)[2:]}")
+        raise RuntimeError(f"Cycles returned {width} x {height} pixels, not {rendered_region(scene)[2:]}")
     layers = {}
     for render_pass in result.layers[layer_name].passes:
         name = LONG_NAMES.get(render_pass.name, render_pass.name)

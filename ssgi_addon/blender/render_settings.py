@@ -137,8 +137,12 @@ def _borrow_framing(restorer: Restorer, scene: bpy.types.Scene, resolution: tupl
         restorer.change(scene.render, use_border=False)
     width, height = rendered_region(scene)[2:]
     if width < 1 or height < 1:
-        raise SSGIError(f"Scene '{scene.name}' renders {width} x {height} pixels: raise the resolution or its "
-                        "percentage, or widen the render border, in Output properties > Format.")
+        raise SSGIError(
+            f"Scene '{scene.name}' renders {width} x {height} pixels: raise the resolution or its "
+            "percentage, or widen the render border, in Output properties > Format."
+        )
     if max(full_size(scene)) > LARGEST_TILE_PX:
-        raise SSGIError(f"{' x '.join(map(str, full_size(scene)))} pixels are more than Cycles returns in memory: "
-                        f"render at most {LARGEST_TILE_PX} pixels a side.")
+        raise SSGIError(
+            f"{' x '.join(map(str, full_size(scene)))} pixels are more than Cycles returns in memory: "
+            f"render at most {LARGEST_TILE_PX} pixels a side."
+        )

@@ -22,7 +22,7 @@ class Restorer(ExitStack):
     """
 
     def change(self, owner: bpy.types.bpy_struct, **values: Any) -> None:
-        """Set properties of `owner` until the block ends; properties that already hold the value stay untouched."""
+        """Set properties of `owner` until the block ends; those that already hold the value stay untouched."""
         for name, value in values.items():
             old = getattr(owner, name)
             if old == value:

@@ -8,6 +8,7 @@ AOV Output nodes for the time of one render.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from . import compat
 from .restore import Restorer
 from .roughness_nodes import RoughnessNodes
+from .shader_trees import shaded_materials
 
 FloatArray = NDArray[np.float32]
 
@@ -25,6 +27,7 @@ FULLY_ROUGH = np.float32(1.0)
 _LEAST_GLOSSY = 1e-5
 
 
+@dataclass(frozen=True)
 class RoughnessSource:
     """The passes to render for the roughness, and how to read it from them.
 
@@ -36,9 +39,8 @@ class RoughnessSource:
         Rendered passes to roughness, ``(H, W)`` float32 in 0..1; 1 where nothing is glossy.
     """
 
-    def __init__(self, passes: tuple[str, ...], read: Callable[[Mapping[str, FloatArray]], FloatArray]) -> None:
-        self.passes = passes
-        self.read = read
+    passes: tuple[str, ...]
+    read: Callable[[Mapping[str, FloatArray]], FloatArray]
 
 
 def borrow_roughness(restorer: Restorer, view_layer: bpy.types.ViewLayer) -> RoughnessSource:
@@ -69,9 +71,8 @@ def borrow_aov_roughness(restorer: Restorer, view_layer: bpy.types.ViewLayer) ->
     aov.type = "COLOR"
 
     nodes = RoughnessNodes(restorer)
-    for material in bpy.data.materials:
-        if material.users and not material.grease_pencil and compat.uses_nodes(material):
-            nodes.write_aov(material.node_tree, aov.name)
+    for material in shaded_materials():
+        nodes.write_aov(material.node_tree, aov.name)
     name = aov.name
     return RoughnessSource((name,), lambda layers: _from_aov(layers[name]))
 

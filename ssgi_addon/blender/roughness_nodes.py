@@ -13,6 +13,7 @@ from typing import NamedTuple, TypeAlias
 import bpy
 
 from .restore import Restorer
+from .shader_trees import active_link
 
 # Shaders whose reflection lands in Cycles' glossy passes; their input "Roughness" is the Principled BSDF's.
 _GLOSSY_SHADERS = frozenset(
@@ -74,10 +75,12 @@ class RoughnessNodes:
 
     def _entering(self, tree: bpy.types.NodeTree, socket: bpy.types.NodeSocket) -> Vector:
         """Roughness of the shader that is linked to an input socket."""
-        link = _active_link(socket)
+        link = active_link(socket)
         return NO_LOBE if link is None else self._leaving(tree, link.from_node, link.from_socket)
 
-    def _leaving(self, tree: bpy.types.NodeTree, node: bpy.types.Node, socket: bpy.types.NodeSocket) -> Vector:
+    def _leaving(
+        self, tree: bpy.types.NodeTree, node: bpy.types.Node, socket: bpy.types.NodeSocket
+    ) -> Vector:
         """Roughness of the shader that an output socket gives; computed once for each socket."""
         key = (node.as_pointer(), socket.identifier)
         if key not in self._known:
@@ -192,13 +195,11 @@ class RoughnessNodes:
         return node
 
 
-def _active_link(socket: bpy.types.NodeSocket) -> bpy.types.NodeLink | None:
-    return next((link for link in socket.links if link.is_valid and not link.is_muted), None)
-
-
 def _scalar(socket: bpy.types.NodeSocket) -> Scalar:
-    link = _active_link(socket)
-    return float(socket.default_value) if link is None else Output(link.from_node, link.from_socket.identifier)
+    link = active_link(socket)
+    if link is None:
+        return float(socket.default_value)
+    return Output(link.from_node, link.from_socket.identifier)
 
 
 def _feed(tree: bpy.types.NodeTree, socket: bpy.types.NodeSocket, value: Scalar | Vector) -> None:

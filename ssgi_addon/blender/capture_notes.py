@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a direct-light capture of a scene cannot hold, told to the user."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import bpy
+
+from .shader_trees import nodes_with_groups, output_link, shaded_materials, shaded_worlds
+
+_MOST_NAMES = 3
+
+
+def capture_notes(scene: bpy.types.Scene) -> tuple[str, ...]:
+    """Say, a sentence each, which light or effect is missing from a capture of `scene`."""
+    notes = []
+    refracting = [material.name for material in shaded_materials() if _refracts(material.node_tree)]
+    if refracting:
+        notes.append(
+            "Light that comes through refraction is missing, and so are its inner reflections, since Cycles "
+            f"counts both as indirect: {_counted(refracting)}."
+        )
+    volumes = [
+        owner.name
+        for owner in (*shaded_materials(), *shaded_worlds())
+        if output_link(owner.node_tree, "Volume") is not None
+    ]
+    if volumes:
+        notes.append(f"Volumes are in the direct light but do not dim the indirect: {_counted(volumes)}.")
+    if scene.camera.data.dof.use_dof:
+        notes.append("Depth of field blurs the direct light but not the indirect light.")
+    if scene.render.use_motion_blur:
+        notes.append("Motion blur is in the direct light but not in the indirect light.")
+    return tuple(notes)
+
+
+def _refracts(tree: bpy.types.NodeTree) -> bool:
+    return any(
+        node.bl_idname in {"ShaderNodeBsdfGlass", "ShaderNodeBsdfRefraction"}
+        or (
+            node.bl_idname == "ShaderNodeBsdfPrincipled"
+            and _is_above_zero(node.inputs["Transmission Weight"])
+        )
+        for node in nodes_with_groups(tree)
+    )
+
+
+def _is_above_zero(socket: bpy.types.NodeSocket) -> bool:
+    return socket.is_linked or socket.default_value > 0.0
+
+
+def _counted(names: Collection[str]) -> str:
+    """Name the first few."""
+    shown = ", ".join(f"'{name}'" for name in sorted(names)[:_MOST_NAMES])
+    return f"{shown} and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else shown

@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Render surfaces without the volumes between them and the camera."""
+
+from __future__ import annotations
+
+import bpy
+
+from .restore import Restorer
+from .shader_trees import output_link, shaded_materials, shaded_worlds
+
+
+def borrow_clear_air(restorer: Restorer, view_layer: bpy.types.ViewLayer) -> None:
+    """Switch all volumes off until `restorer` closes.
+
+    A single sample may scatter in the air, and its pixel then has no surface.
+    """
+    restorer.change(view_layer, use_volumes=False)
+    for owner in (*shaded_materials(), *shaded_worlds()):
+        volume = output_link(owner.node_tree, "Volume")
+        if volume is None:
+            continue
+        # What has neither surface nor volume is black and solid.
+        if isinstance(owner, bpy.types.Material) and output_link(owner.node_tree, "Surface") is None:
+            _make_transparent(restorer, owner.node_tree)
+        restorer.change(volume, is_muted=True)
+
+
+def _make_transparent(restorer: Restorer, tree: bpy.types.NodeTree) -> None:
+    output = tree.get_output_node("CYCLES")
+    transparent = tree.nodes.new("ShaderNodeBsdfTransparent")
+    restorer.callback(tree.nodes.remove, transparent)
+    tree.links.new(output.inputs["Surface"], transparent.outputs[0])
