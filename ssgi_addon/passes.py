@@ -102,7 +102,7 @@ def read_passes(path: Path | str, camera_path: Path | str | None = None) -> Capt
     layers = read_layers(path)
     named = None if camera_path is None else _read_mapping(Path(camera_path))
     beside = path.with_suffix(".json")
-    own = next((data for data in (named, _read_own(beside)) if data and data.get("format") == FORMAT), None)
+    own = next((data for data in (_read_own(beside), named) if data and data.get("format") == FORMAT), None)
     camera = None if named is None else _camera_from_json(named.get("camera", named), Path(str(camera_path)))
     if own is not None:
         return _own_frame(path, layers, own, camera)

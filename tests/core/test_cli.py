@@ -1,0 +1,344 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+import io
+import subprocess
+import sys
+import types
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ssgi_addon
+from ssgi_addon import bpy_module, cli
+from ssgi_addon.bpy_module import explain_import_error, require_bpy
+from ssgi_addon.cli import main
+from ssgi_addon.core import Settings
+from ssgi_addon.errors import SSGIError
+from ssgi_addon.exr import write_layers
+from ssgi_addon.progress import Progress
+
+pytest.importorskip("OpenEXR")
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@dataclass(frozen=True)
+class FakeOptions:
+    """The fields that the command line fills, with marks where it must fill them."""
+
+    output: Path
+    settings: Settings
+    engine: str
+    samples: int | None
+    resolution: tuple[int, int] | None
+    frames: tuple[int, ...] | None
+    compare: bool
+    reference_samples: int
+    passes: bool
+    overwrite: bool
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """Stand in for the job, and keep what it was called with."""
+    made = []
+
+    def run_job(scene, options, progress):
+        made.append((scene, options))
+        progress(0.5, "half")
+        row = {"relmse": 0.123456, "bias": -0.5, "ssim": 1.0, "flip": None}
+        return {
+            "frames": [
+                {"frame": 3, "seconds": {"total": 2.5}, "metrics": {"combined": row, "direct_only": row}}
+            ]
+        }
+
+    def apply_passes(passes, output, camera, settings, progress):
+        made.append((passes, output, camera, settings))
+
+    def run_demo(output, progress):
+        return output / "demo.png"
+
+    job = types.ModuleType("ssgi_addon.job")
+    job.JobOptions, job.run_job, job.apply_passes, job.run_demo = FakeOptions, run_job, apply_passes, run_demo
+    monkeypatch.setitem(sys.modules, "ssgi_addon.job", job)
+    monkeypatch.setattr(cli, "require_bpy", lambda: None)
+    return made
+
+
+def test_render_has_the_defaults_of_the_contract(calls, capsys):
+    assert main(["render", "scene.blend", "--output", "out"]) == 0
+    assert calls == [
+        (
+            Path("scene.blend"),
+            FakeOptions(
+                output=Path("out"),
+                settings=Settings.preset("balanced"),
+                engine="cycles",
+                samples=None,
+                resolution=None,
+                frames=None,
+                compare=False,
+                reference_samples=64,
+                passes=False,
+                overwrite=False,
+            ),
+        )
+    ]
+    out, err = capsys.readouterr()
+    assert "frame 3: 2.5 s" in out
+    assert "0.1235" in out
+    assert err == " 50% half\n"
+
+
+def test_render_hands_every_option_on(calls):
+    line = (
+        "render a.blend --output out --engine eevee --preset final --resolution 96x54 --samples 5 --rays 7 "
+        "--frames 1-9:4 --compare --reference-samples 12 --passes --overwrite"
+    )
+    assert main(line.split()) == 0
+    final = Settings.preset("final")
+    assert calls[0][1] == FakeOptions(
+        output=Path("out"),
+        settings=replace(
+            final, diffuse=replace(final.diffuse, rays=7), reflections=replace(final.reflections, rays=7)
+        ),
+        engine="eevee",
+        samples=5,
+        resolution=(96, 54),
+        frames=(1, 5, 9),
+        compare=True,
+        reference_samples=12,
+        passes=True,
+        overwrite=True,
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "frames"),
+    [
+        ("--frame 7", (7,)),
+        ("--frames 3-3", (3,)),
+        ("--frames=-2-1", (-2, -1, 0, 1)),
+        ("--frames=-3--1:2", (-3, -1)),
+    ],
+)
+def test_frames_are_read(calls, text, frames):
+    assert main(["render", "a.blend", "--output", "out", *text.split()]) == 0
+    assert calls[0][1].frames == frames
+
+
+def test_scene_may_be_left_out_inside_blender_only(calls, capsys):
+    assert main(["render", "--output", "out"], inside_blender=True) == 0
+    assert calls[0][0] is None
+    capsys.readouterr()
+    assert main(["render", "--output", "out"]) == 2
+    assert len(calls) == 1
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "",
+        "paint",
+        "render a.blend",
+        "render a.blend --output out --resolution 0x9",
+        "render a.blend --output out --resolution 9",
+        "render a.blend --output out --resolution -9x9",
+        "render a.blend --output out --resolution 99999999999x9",
+        "render a.blend --output out --samples 0",
+        "render a.blend --output out --samples many",
+        "render a.blend --output out --rays 0",
+        "render a.blend --output out --rays 100000",
+        "render a.blend --output out --preset ultra",
+        "render a.blend --output out --engine workbench",
+        "render a.blend --output out --frame one",
+        "render a.blend --output out --frames 5-1",
+        "render a.blend --output out --frames 1-5:0",
+        "render a.blend --output out --frames 1-99999999999",
+        "render a.blend --output out --frame 1 --frames 1-2",
+        "render a.blend --output out --reference-samples 9",
+        "apply a.exr",
+        "compare a.exr",
+        "demo more",
+    ],
+)
+def test_bad_usage_is_one_line_and_exit_code_2(calls, capsys, line):
+    assert main(line.split()) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("ssgi: error: ")
+    assert err.count("\n") == 1
+    assert calls == []
+
+
+def test_failed_work_is_one_line_and_exit_code_1(calls, capsys, monkeypatch):
+    def fail(*arguments):
+        raise SSGIError("cannot open a.blend:\n  no such file")
+
+    monkeypatch.setattr(sys.modules["ssgi_addon.job"], "run_job", fail)
+    assert main(["render", "a.blend", "--output", "out"]) == 1
+    assert capsys.readouterr() == ("", "ssgi: error: cannot open a.blend: no such file\n")
+
+
+def test_unexpected_errors_keep_their_traceback(calls, monkeypatch):
+    def fail(*arguments):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(sys.modules["ssgi_addon.job"], "run_job", fail)
+    with pytest.raises(ZeroDivisionError):
+        main(["render", "a.blend", "--output", "out"])
+
+
+def test_apply_uses_the_balanced_preset_where_none_is_known(calls, tmp_path):
+    assert main(["apply", str(tmp_path / "a.exr"), "--output", "b.exr"]) == 0
+    assert calls == [(tmp_path / "a.exr", Path("b.exr"), None, Settings.preset("balanced"))]
+
+
+def test_apply_remembers_the_settings_of_the_passes(calls, monkeypatch):
+    monkeypatch.setattr(cli, "remembered_settings", lambda path: Settings.preset("draft"))
+    main(["apply", "a.exr", "--output", "b.exr"])
+    main(["apply", "a.exr", "--output", "b.exr", "--preset", "final", "--camera", "c.json"])
+    main(["apply", "a.exr", "--output", "b.exr", "--rays", "3"])
+    assert [call[3] for call in calls[:2]] == [Settings.preset("draft"), Settings.preset("final")]
+    assert calls[1][2] == Path("c.json")
+    assert calls[2][3].diffuse.rays == calls[2][3].reflections.rays == 3
+    assert calls[2][3].diffuse.bounces == Settings.preset("draft").diffuse.bounces
+
+
+def test_demo_says_where_the_picture_is(calls, capsys):
+    assert main(["demo"]) == 0
+    assert capsys.readouterr().out == f"picture: {Path('demo/demo.png')}\n"
+
+
+@pytest.mark.parametrize(
+    "command", ["--help", "render --help", "apply --help", "compare --help", "demo --help", "--version"]
+)
+def test_help_ends_well(command, capsys):
+    assert main(command.split()) == 0
+    assert capsys.readouterr().out
+
+
+@pytest.fixture
+def pictures(tmp_path, rng):
+    reference = rng.gamma(1.0, 0.3, (30, 40, 3)).astype(np.float32)
+    image = (reference * 0.8).astype(np.float32)
+    known = np.ones((30, 40), np.float32)
+    known[:, :20] = 0.2
+    write_layers(tmp_path / "image.exr", {"combined": image, "known": known, "direct": image})
+    write_layers(tmp_path / "reference.exr", {"Combined": reference})
+    return str(tmp_path / "image.exr"), str(tmp_path / "reference.exr")
+
+
+def test_compare_prints_the_metrics_and_writes_the_heatmap(tmp_path, pictures, capsys):
+    heatmap = tmp_path / "error.png"
+    assert main(["compare", *pictures, "--heatmap", str(heatmap)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].split() == ["relmse", "bias", "ssim", "flip"]
+    assert lines[1].split()[0] == "combined"
+    assert 0.02 < float(lines[1].split()[1]) < 0.04
+    assert lines[2].startswith("known >= 0.9")
+    assert heatmap.read_bytes().startswith(b"\x89PNG")
+
+
+def test_compare_refuses_other_sizes(tmp_path, pictures, capsys):
+    write_layers(tmp_path / "small.exr", {"combined": np.ones((3, 4, 3), np.float32)})
+    assert main(["compare", pictures[0], str(tmp_path / "small.exr")]) == 1
+    assert "40 x 30 and 4 x 3 pixels" in capsys.readouterr().err
+
+
+def test_compare_refuses_a_file_without_a_picture(tmp_path, pictures, capsys):
+    write_layers(tmp_path / "depth.exr", {"depth": np.ones((30, 40), np.float32)})
+    assert main(["compare", str(tmp_path / "depth.exr"), pictures[1]]) == 1
+    assert "holds depth" in capsys.readouterr().err
+
+
+def test_compare_refuses_pixels_that_are_not_finite(tmp_path, pictures, capsys):
+    broken = np.full((30, 40, 3), np.nan, np.float32)
+    write_layers(tmp_path / "nan.exr", {"combined": broken})
+    heatmap = tmp_path / "error.png"
+    assert main(["compare", str(tmp_path / "nan.exr"), pictures[1], "--heatmap", str(heatmap)]) == 1
+    assert "expected finite values" in capsys.readouterr().err
+    assert not heatmap.exists()
+
+
+def test_missing_files_are_one_line(capsys):
+    assert main(["compare", "missing.exr", "missing.exr"]) == 1
+    err = capsys.readouterr().err
+    assert err.startswith("ssgi: error: cannot read missing.exr")
+    assert err.count("\n") == 1
+
+
+def test_module_runs_without_blender(pictures):
+    """In a process that cannot import bpy, `compare` works and `render` says what to install."""
+    script = (
+        "import sys; sys.modules['bpy'] = None; from ssgi_addon.cli import main; sys.exit(main(sys.argv[1:]))"
+    )
+    command = [sys.executable, "-W", "error", "-c", script]
+    done = subprocess.run(
+        [*command, "compare", *pictures], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    done = subprocess.run(
+        [*command, "render", "a.blend", "--output", "out"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1
+    assert "pip install 'ssgi[blender]'" in done.stderr
+
+
+def test_package_runs_as_a_module():
+    command = [sys.executable, "-W", "error", "-m", "ssgi_addon", "--version"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout == f"ssgi {ssgi_addon.__version__}\n"
+
+
+def test_missing_system_library_is_named_with_its_package(monkeypatch):
+    def fail(name):
+        raise ImportError("libSM.so.6: cannot open shared object file: No such file or directory")
+
+    monkeypatch.setattr(bpy_module.importlib, "import_module", fail)
+    with pytest.raises(SSGIError, match=r"libSM\.so\.6: apt-get install libsm6"):
+        require_bpy()
+
+
+def test_other_import_errors_are_told():
+    assert "libodd.so.3" in explain_import_error("libodd.so.3: cannot open shared object file: No such file")
+    assert explain_import_error("no luck") == "Blender's Python module does not load: no luck"
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_log_gets_plain_lines_and_not_too_many():
+    log = io.StringIO()
+    progress = Progress(log)
+    for step in range(1001):
+        progress(step / 1000, "tracing")
+    progress.close()
+    lines = log.getvalue().splitlines()
+    assert lines[0] == "  0% tracing"
+    assert lines[-1] == "100% tracing"
+    assert len(lines) == 11
+    assert "\r" not in log.getvalue()
+
+
+def test_terminal_gets_a_bar_on_one_line():
+    terminal = Terminal()
+    progress = Progress(terminal)
+    progress(0.0, "capture")
+    progress(0.5, "tracing " + 300 * "x")
+    progress(2.0, "done")
+    progress.close()
+    progress.close()
+    text = terminal.getvalue()
+    assert text.count("\n") == 1
+    assert "[" + 28 * "#" + "] 100% done" in text
+    assert max(len(line) for line in text.split("\r")) < 90
