@@ -25,5 +25,5 @@ HALF_RELATIVE = 2.0**-11
 COMPOSITED = 1e-4
 
 # Demo scene: the share of pixels that get most of their light from bounces, or the effect would not show
-# (measured 0.87).
+# (measured: 0.79 at 64 samples, 0.87 denoised).
 DEMO_MOSTLY_BOUNCED = 0.7

@@ -27,11 +27,11 @@ def _empty_file():
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
 
 
-def render_pixels(scene, folder, *, indirect):
+def render_pixels(scene, folder, *, indirect, samples=8):
     """Render a thumbnail; (H, W, 3) scene-linear, top row first."""
     render, cycles = scene.render, scene.cycles
     render.resolution_x, render.resolution_y = 48, 27
-    cycles.samples = 8
+    cycles.samples = samples
     cycles.use_denoising = False
     if not indirect:
         cycles.diffuse_bounces = cycles.glossy_bounces = 0
@@ -46,8 +46,8 @@ def render_pixels(scene, folder, *, indirect):
 
 def test_most_of_the_demo_scene_is_lit_mostly_by_bounces(tmp_path):
     scene = build_demo_scene()
-    with_bounces = render_pixels(scene, tmp_path, indirect=True).mean(axis=-1)
-    without = render_pixels(scene, tmp_path, indirect=False).mean(axis=-1)
+    with_bounces = render_pixels(scene, tmp_path, indirect=True, samples=64).mean(axis=-1)
+    without = render_pixels(scene, tmp_path, indirect=False, samples=64).mean(axis=-1)
     assert np.mean(without < with_bounces / 2) > DEMO_MOSTLY_BOUNCED
 
 
