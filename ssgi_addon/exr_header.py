@@ -82,7 +82,7 @@ def _read_checked(stream: BinaryIO, size: int) -> list[PartHeader]:
     flags = struct.unpack("<I", head[4:])[0]
     if flags & FLAG_DEEP:
         raise _BadFileError("it holds deep data; flatten it first")
-    parts = []
+    parts: list[PartHeader] = []
     while (attributes := _read_attributes(stream)) or not parts:
         parts.append(_part(attributes, tiled=bool(flags & FLAG_TILED)))
         if not flags & FLAG_MULTIPART:
