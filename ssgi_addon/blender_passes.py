@@ -16,6 +16,7 @@ from .frame import CapturedFrame
 
 # Cycles writes 1e10 for sky and 1e11 outside a render border.
 FARTHEST_SURFACE = 1e9
+# Names of a value AOV that a user may have sent the roughness to.
 ROUGHNESS_PASSES = ("SSGI Roughness", "Roughness")
 ROUGHNESS_UNKNOWN = 0.5
 DARKEST_GLOSSY = 1e-4
@@ -142,7 +143,7 @@ def _direct_light(passes: Passes, diffuse_and_glossy: FloatArray) -> FloatArray:
 
 def _roughness(passes: Passes) -> tuple[FloatArray, list[str]]:
     for name in ROUGHNESS_PASSES:
-        if name in passes:
+        if name in passes and passes[name].ndim == 2:
             return passes[name], []
     if "Denoising Roughness" in passes:
         # Cycles mixes 1 for the diffuse share with the glossy lobe's roughness, by their albedo.
