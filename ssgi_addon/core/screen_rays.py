@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Rays as straight lines in screen space, and where they ended."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .camera import Camera
+from .depth_field import DepthField
+from .types import FloatArray, IntArray
+
+UNKNOWN, BLOCKED, ESCAPED, HIT = 0, 1, 2, 3
+
+
+@dataclass(frozen=True, eq=False)
+class TraceResult:
+    """Where each of N rays ended.
+
+    Attributes
+    ----------
+    status : (N,) int8
+        UNKNOWN, BLOCKED, ESCAPED or HIT.
+    pixel : (N,) int64
+        Flat index of the pixel that was hit or that blocked the ray; -1 where there is none.
+    distance : (N,) float32
+        Distance along the ray in units of its direction's length, where it hit or was blocked; +inf elsewhere.
+    """
+
+    status: np.ndarray
+    pixel: IntArray
+    distance: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class ScreenRays:
+    """Rays as lines (x, y, q)(s) = start + s * velocity.
+
+    They lie over the frame from ``s_begin`` on (0 where they start there, +inf where they never do), reach
+    q_end at ``s_vanish`` and their largest distance at ``s_limit``.
+    """
+
+    start: tuple[FloatArray, FloatArray, FloatArray]
+    velocity: tuple[FloatArray, FloatArray, FloatArray]
+    s_begin: FloatArray
+    s_vanish: FloatArray
+    s_limit: FloatArray
+
+
+def project_rays(
+    field: DepthField, origin_vs: FloatArray, direction_vs: FloatArray, max_distance: float = np.inf
+) -> ScreenRays:
+    """Express view-space rays as lines in (x, y, q).
+
+    With P(t) = O + t D, depth d(t) = d0 + t dd and s = t q(t), both the pixel position and q are linear in s
+    (the perspective-correct interpolation of a line); orthographic rays have s = t.
+
+    Parameters
+    ----------
+    field
+        The field that they will walk.
+    origin_vs, direction_vs : (3, N)
+        View space, one row per component; origins in front of the camera.
+    max_distance
+        Largest t.
+    """
+    camera = field.camera
+    ox, oy, oz = origin_vs
+    dx, dy, dz = direction_vs
+    depth = -oz
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        if camera.is_orthographic:
+            q, inverse = -depth, 1.0
+            vx, vy, vq = camera.fx * dx, -camera.fy * dy, dz
+            s_vanish = np.where(vq < 0.0, (field.q_end - q) / vq, np.inf)
+            s_limit = np.full_like(vx, max_distance)
+        else:
+            q = 1.0 / depth
+            inverse = q
+            slope = -dz * q
+            vx, vy, vq = camera.fx * (dx - ox * slope), -camera.fy * (dy - oy * slope), -slope
+            s_vanish = np.where(dz < 0.0, -1.0 / dz, np.inf)
+            s_limit = max_distance * q / (1.0 + max_distance * slope) if np.isfinite(max_distance) else s_vanish
+            s_limit = np.where(s_limit > 0.0, s_limit, np.inf)
+        x, y = camera.cx + camera.fx * ox * inverse, camera.cy - camera.fy * oy * inverse
+        s_begin = _entry_into_frame(camera, (x, y), (vx, vy))
+    return ScreenRays((x, y, q), (vx, vy, vq), s_begin, s_vanish, s_limit)
+
+
+def _entry_into_frame(
+    camera: Camera, start: tuple[FloatArray, FloatArray], velocity: tuple[FloatArray, FloatArray]
+) -> FloatArray:
+    """Return s at which each ray first lies over the frame: 0 from within, +inf for never."""
+    s_begin = np.zeros_like(start[0])
+    for position, speed, size in zip(start, velocity, (camera.width, camera.height), strict=True):
+        to_border = np.where(position < 0.0, -position, size - position) / speed
+        is_outside = (position < 0.0) | (position > size)
+        enters = is_outside & (to_border > 0.0)
+        s_begin = np.maximum(s_begin, np.where(enters, to_border, np.where(is_outside, np.inf, 0.0)))
+    return s_begin
