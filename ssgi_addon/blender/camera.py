@@ -110,8 +110,10 @@ def rendered_region(scene: bpy.types.Scene) -> tuple[int, int, int, int]:
     if not (render.use_border and render.use_crop_to_border):
         return 0, 0, width, height
     # Blender multiplies in single precision and cuts off.
-    left, right = (int(np.float32(width) * edge) for edge in (render.border_min_x, render.border_max_x))
-    bottom, top = (int(np.float32(height) * edge) for edge in (render.border_min_y, render.border_max_y))
+    edges_x = np.array((render.border_min_x, render.border_max_x), dtype=np.float32) * np.float32(width)
+    edges_y = np.array((render.border_min_y, render.border_max_y), dtype=np.float32) * np.float32(height)
+    left, right = (int(edge) for edge in edges_x)
+    bottom, top = (int(edge) for edge in edges_y)
     return left, height - top, right - left, top - bottom
 
 

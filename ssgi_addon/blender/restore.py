@@ -22,7 +22,7 @@ class Restorer(ExitStack):
     """
 
     def change(self, owner: bpy.types.bpy_struct, **values: Any) -> None:
-        """Set properties of `owner` until the block ends; those that already hold the value stay untouched."""
+        """Set properties of `owner` until the block ends; what already holds the value stays untouched."""
         for name, value in values.items():
             old = getattr(owner, name)
             if old == value:
@@ -33,8 +33,3 @@ class Restorer(ExitStack):
             else:
                 self.callback(owner.property_unset, name)
             setattr(owner, name, value)
-
-    def change_where_known(self, owner: bpy.types.bpy_struct, **values: Any) -> None:
-        """Like `change`, skipping properties that this version of Blender does not have."""
-        known = owner.bl_rna.properties
-        self.change(owner, **{name: value for name, value in values.items() if name in known})

@@ -23,6 +23,8 @@ FloatArray = NDArray[np.float32]
 
 # What a surface without a glossy lobe counts as.
 FULLY_ROUGH = np.float32(1.0)
+# What Cycles shades objects without a material with, where that is glossy at all.
+DEFAULT_SURFACE = np.float32(0.5)
 # Below this share of glossy light the roughness does not matter, and its division means nothing.
 _LEAST_GLOSSY = 1e-5
 
@@ -74,7 +76,10 @@ def borrow_aov_roughness(restorer: Restorer, view_layer: bpy.types.ViewLayer) ->
     for material in shaded_materials():
         nodes.write_aov(material.node_tree, aov.name)
     name = aov.name
-    return RoughnessSource((name,), lambda layers: _from_aov(layers[name]))
+    restorer.change(view_layer, use_pass_glossy_color=True)
+    return RoughnessSource(
+        (name, "Glossy Color"), lambda layers: _from_aov(layers[name], layers["Glossy Color"])
+    )
 
 
 def _from_denoising_passes(layers: Mapping[str, FloatArray]) -> FloatArray:
@@ -86,9 +91,11 @@ def _from_denoising_passes(layers: Mapping[str, FloatArray]) -> FloatArray:
     return _divide(weighted, glossy, is_glossy)
 
 
-def _from_aov(lobes: FloatArray) -> FloatArray:
+def _from_aov(lobes: FloatArray, glossy_color: FloatArray) -> FloatArray:
     """Divide roughness times weight by weight."""
-    return _divide(lobes[..., 0], lobes[..., 1], lobes[..., 1] > _LEAST_GLOSSY)
+    roughness = _divide(lobes[..., 0], lobes[..., 1], lobes[..., 1] > _LEAST_GLOSSY)
+    is_default_surface = (lobes[..., 1] == 0.0) & (glossy_color.mean(axis=-1) > _LEAST_GLOSSY)
+    return np.where(is_default_surface, DEFAULT_SURFACE, roughness)
 
 
 def _divide(weighted: FloatArray, weight: FloatArray, is_glossy: NDArray[np.bool_]) -> FloatArray:
