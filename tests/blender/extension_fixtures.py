@@ -32,13 +32,14 @@ def enable():
 
 _SCENE = """
 def make_scene(width=16, height=9):
-    \"\"\"A lit plane before a camera.\"\"\"
+    \"\"\"A cube on a floor before a wall: each sees light that the others reflect.\"\"\"
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     scene = bpy.context.scene
     bpy.ops.mesh.primitive_plane_add(size=4)
     bpy.ops.mesh.primitive_cube_add(size=1)
-    bpy.ops.object.light_add(type="SUN", rotation=(0.3, 0.2, 0))
-    bpy.ops.object.camera_add(location=(0, 0, 5))
+    bpy.ops.mesh.primitive_plane_add(size=4, location=(0, 1, 0), rotation=(1.571, 0, 0))
+    bpy.ops.object.light_add(type="SUN", rotation=(0.8, 0.3, 0))
+    bpy.ops.object.camera_add(location=(0, -6, 3), rotation=(1.15, 0, 0))
     scene.camera = bpy.context.object
     scene.render.engine = "CYCLES"
     scene.render.resolution_x, scene.render.resolution_y = width, height
