@@ -41,3 +41,6 @@ ROUGHNESS_DENOISING = 0.01
 
 # Sums of light passes against Combined, relative to the brightest pixel: float32 sums of few terms.
 PASS_SUM_RELATIVE = 1e-5
+
+# Light of one sample against light of many: what noise leaves of a mean over some hundred pixels, relative.
+MEAN_OF_NOISY_PIXELS = 0.1

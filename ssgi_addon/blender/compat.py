@@ -98,3 +98,10 @@ def has_denoiser(scene: bpy.types.Scene) -> bool:
     import _cycles  # exists once Cycles is enabled, and only inside Blender
 
     return _cycles.with_openimagedenoise or scene.cycles.denoiser != ""
+
+
+def interface_selection(
+    interface: bpy.types.NodeTreeInterface,
+) -> list[tuple[bpy.types.NodeTreeInterfaceItem, bool]]:
+    """Return the items of a node group's interface with whether each is selected, where they can be."""
+    return [(item, item.select) for item in interface.items_tree if "select" in item.bl_rna.properties]

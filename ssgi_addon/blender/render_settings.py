@@ -51,6 +51,7 @@ def borrow_scene(
     """
     cycles_engine()
     layer = _find_view_layer(scene, view_layer)
+    restorer.callback(_update_render_layers_nodes, scene)
     if frame is not None:
         _go_to_frame(restorer, scene, frame)
     check_camera(scene)
@@ -94,6 +95,11 @@ def borrow_passes(restorer: Restorer, view_layer: bpy.types.ViewLayer, names: tu
     of_layer, of_cycles = pass_switches(names)
     restorer.change(view_layer, **of_layer)
     restorer.change(view_layer.cycles, **of_cycles)
+
+
+def _update_render_layers_nodes(scene: bpy.types.Scene) -> None:
+    """Make the compositor show the passes of undone settings; its links would stay marked invalid."""
+    scene.render.engine = scene.render.engine
 
 
 def _find_view_layer(scene: bpy.types.Scene, name: str | None) -> bpy.types.ViewLayer:

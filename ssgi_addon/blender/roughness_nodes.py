@@ -12,6 +12,7 @@ from typing import NamedTuple, TypeAlias
 
 import bpy
 
+from . import compat
 from .restore import Restorer
 from .shader_trees import active_link
 
@@ -184,6 +185,8 @@ class RoughnessNodes:
 
     def _new_group_socket(self, group: bpy.types.NodeTree, in_out: str) -> str:
         interface = group.interface
+        for item, is_selected in compat.interface_selection(interface):
+            self._restorer.callback(setattr, item, "select", is_selected)
         self._restorer.callback(setattr, interface, "active_index", interface.active_index)
         item = interface.new_socket("SSGI Roughness", in_out=in_out, socket_type="NodeSocketVector")
         self._restorer.callback(interface.remove, item)

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import bpy
 
 COUNTED = (
@@ -22,9 +24,11 @@ SKIPPED = frozenset(
 
 def fingerprint() -> dict[str, object]:
     """Return every property of scenes, view layers, materials, worlds, node groups and cameras."""
-    found: dict[str, object] = {}
+    found: dict[str, Any] = {}
     for name in COUNTED:
         found[name] = sorted(item.name_full for item in getattr(bpy.data, name))
+    # Blender's own buffer: it comes into being with the first render of a file.
+    found["images"] = [image for image in found["images"] if image != "Render Result"]
     for name in DUMPED:
         for item in getattr(bpy.data, name):
             _dump(item, f"{name}[{item.name_full}]", found, seen=set())
@@ -47,6 +51,7 @@ def _dump(struct: bpy.types.bpy_struct, path: str, found: dict[str, object], see
         here = f"{path}.{name}"
         value = getattr(struct, name)
         if prop.type == "COLLECTION":
+            value = [item for item in value if not _is_hidden_pass(item)]
             found[here] = len(value)
             for index, item in enumerate(value):
                 _follow(item, f"{here}[{index}]", found, seen)
@@ -71,6 +76,15 @@ def _follow(
     if key not in seen:
         seen.add(key)
         _dump(value, path, found, seen)
+
+
+def _is_hidden_pass(item: bpy.types.bpy_struct) -> bool:
+    """Before 5.1 a Render Layers node keeps sockets of passes that it does not show, in any order."""
+    return (
+        isinstance(item, bpy.types.NodeSocket)
+        and not item.enabled
+        and item.node.bl_idname == "CompositorNodeRLayers"
+    )
 
 
 def _flat(values: object) -> list[object]:
