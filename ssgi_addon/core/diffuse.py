@@ -14,10 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import parallel, tracer
-from .camera import Camera
 from .environment import Environment
 from .frame_points import surface_points
-from .gbuffer import GBuffer
 from .light import luminance
 from .sampling import cosine_directions, sample_square
 from .scene import TraceScene
@@ -53,9 +51,8 @@ class HemisphereSamples:
 
 
 def sample_hemispheres(
-    gbuffer: GBuffer,
-    camera: Camera,
     scene: TraceScene,
+    home: int,
     source: FloatArray,
     environment: Environment | None,
     settings: Settings,
@@ -66,21 +63,23 @@ def sample_hemispheres(
 
     Parameters
     ----------
-    gbuffer, camera
-        The frame.
     scene
         All views.
+    home
+        The view whose pixels are sampled.
     source : (texels + 1, 3)
         Radiance that each texel hands on, black in the last row.
     environment
-        What escapes bring; None brings nothing.
+        What escapes bring, for directions in the space of view 0; None brings nothing.
     settings
         Rays per pixel, what unknown samples bring, seed, threads.
     pixel : (P,)
-        Flat indices of the frame's pixels to sample.
+        Flat indices of the view's pixels to sample.
     advance
         Called with the finished fraction.
     """
+    gbuffer, camera = scene.views[home].layers[0], scene.views[home].camera
+    environment = scene.environment_for(home, environment)
     rays, count, dtype = settings.diffuse.rays, pixel.shape[0], gbuffer.depth.dtype
     samples = HemisphereSamples(
         pixel,
@@ -98,7 +97,7 @@ def sample_hemispheres(
         origin, normal = surface_points(gbuffer, camera, part)
         u, v = sample_square(part, rays, settings.seed, dtype)
         direction = cosine_directions(u, v, normal).reshape(3, -1)
-        answers = scene.answer(np.tile(origin, rays), direction)
+        answers = scene.answer(np.tile(origin, rays), direction, home)
         where = slice(slots[0], slots[-1] + 1)
         samples.hit[:, where] = answers.texel.reshape(rays, -1)
         status = answers.status
@@ -125,9 +124,7 @@ def sample_hemispheres(
     return samples
 
 
-def gather_bounce(
-    samples: HemisphereSamples, handed_on: FloatArray, threads: int | None
-) -> FloatArray:
+def gather_bounce(samples: HemisphereSamples, handed_on: FloatArray, threads: int | None) -> FloatArray:
     """Return the mean over each pixel's cached hits ``(P, 3)`` of what the texels hand on, ``(texels + 1, 3)``."""
     bounce = np.empty_like(samples.bounce)
     rays = samples.hit.shape[0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -23,6 +23,8 @@ from .types import FloatArray, IntArray
 # Colours below this change no pixel of an 8-bit picture, whatever light they receive within its range.
 _BLACK = 1e-4
 _DIFFUSE_LEVELS = 3
+# Further views only light others: their noise is averaged by the rays that hit them.
+_MOST_VIEW_RAYS = 4
 # Bounces stop when one adds less than this fraction of the light so far.
 _LEAST_BOUNCE = 1e-3
 
@@ -93,6 +95,7 @@ class _Run:
     """The arrays of one call of `render_indirect`, filled step by step."""
 
     scene: TraceScene
+    earlier_bounces: FloatArray
 
     def __init__(
         self,
@@ -112,8 +115,6 @@ class _Run:
         self.visibility = np.ones(height * width, dtype=dtype)
         self.known_diffuse = np.ones_like(self.visibility)
         self.known_glossy = np.ones_like(self.visibility)
-        # Diffuse light of all bounces but the last: what hits hand on to reflections
-        self.earlier_bounces = np.zeros_like(self.diffuse)
         self.skipped: list[tuple[str, str]] = []
         self.seconds: dict[str, float] = {}
         self.rays: dict[str, int] = {"diffuse": 0, "reflections": 0}
@@ -153,13 +154,15 @@ class _Run:
 
     def trace_diffuse(self, pixels: IntArray) -> None:
         """Fill diffuse, environment_diffuse, visibility, known_diffuse and earlier_bounces."""
+        scene, settings = self.scene, self.settings
+        # Diffuse light of all bounces but the last, for every texel: what hits hand on with their source
+        self.earlier_bounces = np.zeros((scene.texels + 1, 3), dtype=self.diffuse.dtype)
         if not pixels.size:
             return
-        settings = self.settings
-        source = self.scene.table("diffuse_source")
+        source = scene.table("diffuse_source")
         samples = diffuse.sample_hemispheres(
-            self.gbuffer, self.camera, self.scene, source, self.environment, settings, pixels,
-            lambda fraction: self.report(0.05 + 0.55 * fraction, "Diffuse light"),
+            scene, 0, source, self.environment, settings, pixels,
+            lambda fraction: self.report(0.05 + 0.5 * fraction, "Diffuse light"),
         )  # fmt: skip
         self.rays["diffuse"] = pixels.size * settings.diffuse.rays
         self.visibility[pixels] = samples.visibility
@@ -169,22 +172,49 @@ class _Run:
         if settings.diffuse.filter:
             self._smooth_diffuse(samples)
 
+    def _sample_views(self, source: FloatArray) -> list[tuple[slice, diffuse.HemisphereSamples]]:
+        """Sample the hemispheres of the further views: they have bounces of their own to hand on."""
+        rays = min(self.settings.diffuse.rays, _MOST_VIEW_RAYS)
+        settings = replace(self.settings, diffuse=replace(self.settings.diffuse, rays=rays))
+        found = []
+        for home in range(1, len(self.scene.views)):
+            front = self.scene.views[home].layers[0]
+            pixels = np.flatnonzero(front.albedo.reshape(-1, 3).max(axis=1) > _BLACK)
+            pixels = pixels[~front.is_background.reshape(-1).take(pixels)]
+            if pixels.size:
+                samples = diffuse.sample_hemispheres(self.scene, home, source, self.environment, settings, pixels)
+                found.append((self.scene.front_texels(home), samples))
+                self.rays["views"] = self.rays.get("views", 0) + pixels.size * rays
+        return found
+
     def _bounce(self, samples: diffuse.HemisphereSamples, source: FloatArray) -> FloatArray:
-        """Return the light of all bounces, and keep that of all but the last for reflections."""
-        albedo = self.gbuffer.albedo.reshape(-1, 3)
-        frame = slice(0, albedo.shape[0])
-        light = self._fill(samples.bounce + samples.environment, samples.known, samples.hit.shape[0])
-        for _ in range(self.settings.diffuse.bounces - 1):
+        """Return the frame's light of all bounces, and keep that of all but the last in `earlier_bounces`."""
+        light = self._first_bounce(samples)
+        if self.settings.diffuse.bounces == 1:
+            return light
+        albedo = self.scene.table("albedo")
+        views = self._sample_views(source)
+        lights = [self._first_bounce(part) for _, part in views]
+        for bounce in range(2, self.settings.diffuse.bounces + 1):
             self.earlier_bounces[samples.pixel] = light
-            handed_on = source.copy()
-            handed_on[frame] += albedo * self.earlier_bounces
-            bounce = diffuse.gather_bounce(samples, handed_on, self.settings.threads)
-            brighter = self._fill(bounce + samples.environment, samples.known, samples.hit.shape[0])
+            for (texels, part), part_light in zip(views, lights, strict=True):
+                self.earlier_bounces[texels][part.pixel] = part_light
+            handed_on = source + albedo * self.earlier_bounces
+            brighter = self._next_bounce(samples, handed_on)
             added = float((brighter - light).sum(dtype=np.float64))
             light = brighter
             if added <= _LEAST_BOUNCE * float(light.sum(dtype=np.float64)):
                 break
+            if bounce < self.settings.diffuse.bounces:
+                lights = [self._next_bounce(part, handed_on) for _, part in views]
         return light
+
+    def _first_bounce(self, samples: diffuse.HemisphereSamples) -> FloatArray:
+        return self._fill(samples.bounce + samples.environment, samples.known, samples.hit.shape[0])
+
+    def _next_bounce(self, samples: diffuse.HemisphereSamples, handed_on: FloatArray) -> FloatArray:
+        bounce = diffuse.gather_bounce(samples, handed_on, self.settings.threads)
+        return self._fill(bounce + samples.environment, samples.known, samples.hit.shape[0])
 
     def _fill(self, answered: FloatArray, known: FloatArray, rays: int) -> FloatArray:
         """Give unknown samples the mean of the pixel's answered ones where the settings ask for it.
@@ -218,14 +248,14 @@ class _Run:
         if not pixels.size:
             return
         source = self.scene.table("reflection_source")
-        source[: self.diffuse.shape[0]] += self.gbuffer.albedo.reshape(-1, 3) * self.earlier_bounces
+        source += self.scene.table("albedo") * self.earlier_bounces
         is_mirror = self.gbuffer.roughness.reshape(-1).take(pixels) < ggx.MIRROR_ROUGHNESS
         variance = np.zeros(self.visibility.shape[0], dtype=self.glossy.dtype)
         for part, rays in ((pixels[is_mirror], 1), (pixels[~is_mirror], self.settings.reflections.rays)):
             if not part.size:
                 continue
             samples = reflections.sample_lobes(
-                self.gbuffer, self.camera, self.scene, source, self.environment, self.settings, part, rays,
+                self.scene, source, self.environment, self.settings, part, rays,
                 lambda fraction: self.report(0.65 + 0.3 * fraction, "Reflections"),
             )  # fmt: skip
             self.rays["reflections"] += part.size * rays

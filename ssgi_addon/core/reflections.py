@@ -13,10 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import ggx, parallel, tracer
-from .camera import Camera
 from .environment import Environment
 from .frame_points import surface_points, toward_camera
-from .gbuffer import GBuffer
 from .light import luminance
 from .sampling import sample_square, tangent_frame, to_frame
 from .scene import TraceScene
@@ -50,8 +48,6 @@ class LobeSamples:
 
 
 def sample_lobes(
-    gbuffer: GBuffer,
-    camera: Camera,
     scene: TraceScene,
     source: FloatArray,
     environment: Environment | None,
@@ -64,13 +60,16 @@ def sample_lobes(
 
     Parameters
     ----------
-    gbuffer, camera, scene, environment, settings, pixel, advance
+    scene, environment, settings, advance
         As in `diffuse.sample_hemispheres`.
+    pixel : (P,)
+        Flat indices of the frame's pixels to sample.
     source : (texels + 1, 3)
         Radiance that each texel hands on to reflections, black in the last row.
     rays
         Rays per pixel; pixels below `ggx.MIRROR_ROUGHNESS` want one.
     """
+    gbuffer, camera = scene.views[0].layers[0], scene.views[0].camera
     count, dtype = pixel.shape[0], gbuffer.depth.dtype
     samples = LobeSamples(
         pixel, np.zeros((count, 3), dtype=dtype), np.zeros(count, dtype=dtype), np.zeros(count, dtype=dtype)

@@ -25,12 +25,20 @@ class TraceResult:
     pixel : (N,) int64
         Flat index of the pixel that was hit or that blocked the ray; -1 where there is none.
     distance : (N,) float32
-        Distance along the ray in units of its direction's length, where it hit or was blocked; +inf elsewhere.
+        How far the ray was followed, in units of its direction's length: to the hit, to what blocked it, or to
+        where it left the frame or reached its largest distance; +inf for rays that vanish or ran out of budget.
     """
 
     status: np.ndarray
     pixel: IntArray
     distance: FloatArray
+
+    @classmethod
+    def empty(cls, count: int, dtype: np.dtype) -> TraceResult:
+        """Return a result in which no ray has been followed."""
+        return cls(
+            np.zeros(count, dtype=np.int8), np.full(count, -1, dtype=np.int64), np.full(count, np.inf, dtype=dtype)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +57,7 @@ class ScreenRays:
 
 
 def project_rays(
-    field: DepthField, origin_vs: FloatArray, direction_vs: FloatArray, max_distance: float = np.inf
+    field: DepthField, origin_vs: FloatArray, direction_vs: FloatArray, max_distance: float | FloatArray = np.inf
 ) -> ScreenRays:
     """Express view-space rays as lines in (x, y, q).
 
@@ -62,7 +70,7 @@ def project_rays(
         The field that they will walk.
     origin_vs, direction_vs : (3, N)
         View space, one row per component; origins in front of the camera.
-    max_distance
+    max_distance : float or (N,)
         Largest t.
     """
     camera = field.camera
@@ -73,16 +81,16 @@ def project_rays(
         if camera.is_orthographic:
             q, inverse = -depth, 1.0
             vx, vy, vq = camera.fx * dx, -camera.fy * dy, dz
-            s_vanish = np.where(vq < 0.0, (field.q_end - q) / vq, np.inf)
-            s_limit = np.full_like(vx, max_distance)
+            s_vanish = np.where(vq < 0.0, (field.q_end - q) / vq, np.inf).astype(vq.dtype)
+            s_limit = np.full_like(vx, max_distance)  # a number or one each
         else:
             q = 1.0 / depth
             inverse = q
             slope = -dz * q
             vx, vy, vq = camera.fx * (dx - ox * slope), -camera.fy * (dy - oy * slope), -slope
-            s_vanish = np.where(dz < 0.0, -1.0 / dz, np.inf)
-            s_limit = max_distance * q / (1.0 + max_distance * slope) if np.isfinite(max_distance) else s_vanish
-            s_limit = np.where(s_limit > 0.0, s_limit, np.inf)
+            s_vanish = np.where(dz < 0.0, -1.0 / dz, np.inf).astype(vq.dtype)
+            s_limit = max_distance * q / (1.0 + max_distance * slope)
+            s_limit = np.where(s_limit > 0.0, s_limit, np.inf).astype(vx.dtype)  # NaN for +inf: no limit
         x, y = camera.cx + camera.fx * ox * inverse, camera.cy - camera.fy * oy * inverse
         s_begin = _entry_into_frame(camera, (x, y), (vx, vy))
     return ScreenRays((x, y, q), (vx, vy, vq), s_begin, s_vanish, s_limit)
@@ -98,4 +106,4 @@ def _entry_into_frame(
         is_outside = (position < 0.0) | (position > size)
         enters = is_outside & (to_border > 0.0)
         s_begin = np.maximum(s_begin, np.where(enters, to_border, np.where(is_outside, np.inf, 0.0)))
-    return s_begin
+    return s_begin.astype(start[0].dtype)

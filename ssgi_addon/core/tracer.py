@@ -38,8 +38,9 @@ def trace_rays(
     origin_vs: FloatArray,
     direction_vs: FloatArray,
     *,
-    max_distance: float = np.inf,
+    max_distance: float | FloatArray = np.inf,
     max_steps: int = _DEFAULT_STEPS,
+    starts_on_surface: bool = True,
 ) -> TraceResult:
     """Find the first surface of the field along each ray.
 
@@ -48,17 +49,17 @@ def trace_rays(
     field
         Slabs and pyramid; one built with ``max_level=0`` gives the linear walk and the same hits.
     origin_vs, direction_vs : (3, N)
-        View-space origins and directions, one row per component. The cell under an origin is not tested.
-    max_distance
+        View-space origins and directions, one row per component; perspective origins in front of the camera.
+    max_distance : float or (N,)
         In units of the directions' length.
     max_steps
         Cells that a ray may visit; a ray out of budget is UNKNOWN.
+    starts_on_surface
+        The rays leave surfaces of this field: the cell under an origin is not tested, and what faces away
+        beside it is self-contact. False for rays that come from elsewhere.
     """
     count = origin_vs.shape[1]
-    dtype = origin_vs.dtype
-    result = TraceResult(
-        np.zeros(count, dtype=np.int8), np.full(count, -1, dtype=np.int64), np.full(count, np.inf, dtype=dtype)
-    )
+    result = TraceResult.empty(count, origin_vs.dtype)
     rays = project_rays(field, origin_vs, direction_vs, max_distance)
     octant = (
         (rays.velocity[0] < 0.0).astype(np.uint8)
@@ -71,5 +72,5 @@ def trace_rays(
     for group in range(8):
         for begin in range(bounds[group], bounds[group + 1], GROUP_SIZE):
             members = order[begin : min(begin + GROUP_SIZE, bounds[group + 1])]
-            Walk(field, rays, direction_vs, members, group, result).run(max_steps)
+            Walk(field, rays, direction_vs, members, group, starts_on_surface, result).run(max_steps)
     return result

@@ -40,6 +40,8 @@ class Walk:
         Which of them make this group.
     octant
         Bits 0, 1, 2: velocity in x, y, q is negative.
+    starts_on_surface
+        The rays leave the surface in their first cell.
     result
         Receives the answers of the group's rays.
     """
@@ -51,11 +53,13 @@ class Walk:
         direction_vs: FloatArray,
         members: IntArray,
         octant: int,
+        starts_on_surface: bool,
         result: TraceResult,
     ) -> None:
         self.field, self.rays, self.result, self.direction_vs = field, rays, result, direction_vs
         self.flip_x, self.flip_y = bool(octant & 1), bool(octant & 2)
         self.is_receding = bool(octant & 4)  # q falls along the ray
+        self.starts_on_surface = starts_on_surface
         # Atlas index of the mirrored cell (0, 0) of each level
         level = np.arange(field.levels, dtype=np.int64)
         self.base = field.origins.copy()
@@ -97,15 +101,15 @@ class Walk:
         s_exit = np.fmin(np.fmin((limit_x - x0) * ivx, (limit_y - y0) * ivy), _STRAIGHT_AT_CAMERA)
         s_end[:] = np.minimum(np.minimum(rays.s_vanish.take(ids), rays.s_limit.take(ids)), s_exit)
         # Rays from outside begin in a border cell
-        begins_inside = s == 0.0
+        leaves_cell = s == 0.0 if self.starts_on_surface else np.zeros(s.shape, dtype=np.bool_)
         column[:] = np.clip(np.floor(x0 + vx * s), 0, field.padded_width - 1)
         row[:] = np.clip(np.floor(y0 + vy * s), 0, field.padded_height - 1)
         s_x, s_y = (column + 1.0 - x0) * ivx, (row + 1.0 - y0) * ivy
         s_out = np.minimum(np.minimum(s_x, s_y), s_end)
-        column += begins_inside & (s_x <= s_out)
-        row += begins_inside & (s_y <= s_out)
+        column += leaves_cell & (s_x <= s_out)
+        row += leaves_cell & (s_y <= s_out)
         is_visible = s < s_end
-        np.copyto(s, s_out, where=begins_inside)
+        np.copyto(s, s_out, where=leaves_cell)
         size.fill(1.0)
         over = ~(s < s_end)
         self._finish(np.flatnonzero(over & is_visible))
@@ -251,7 +255,7 @@ class Walk:
         # The step between two pixels of one surface is part of its front
         is_hit = faces & (crosses | ((h_in >= behind.take(met)) & (h_in >= -field.reach.take(pixel))))
         s_met = np.where(crosses, s_in - h_in / dh, s_in)
-        stops = np.flatnonzero(faces | ~self._near_origin(ray))
+        stops = np.flatnonzero(faces | ~self._near_origin(ray)) if self.starts_on_surface else np.arange(ray.shape[0])
         ray, s_met = ray.take(stops), s_met.take(stops)
         ids = self.id.take(ray)
         self.result.status[ids] = np.where(is_hit.take(stops), HIT, BLOCKED)
@@ -289,7 +293,11 @@ class Walk:
 
     def _finish(self, over: IntArray) -> None:
         """Rays that end at their vanishing point escape if they are over background; all others stay UNKNOWN."""
-        over = over[self.state[_S_END].take(over) == self.rays.s_vanish.take(self.id.take(over))]
+        s_end = self.state[_S_END].take(over)
+        vanishes = s_end == self.rays.s_vanish.take(self.id.take(over))
+        left = np.flatnonzero(~vanishes)
+        self.result.distance[self.id.take(over.take(left))] = self._distance(over.take(left), s_end.take(left))
+        over = over[vanishes]
         x0, y0, _, vx, vy, _, _, _, _, s, _, _, _ = self.state.take(over, axis=1)
         pixel = self._pixel(np.floor(x0 + vx * s), np.floor(y0 + vy * s))
         escapes = over[self.field.is_background.take(pixel)]
