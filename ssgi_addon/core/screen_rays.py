@@ -26,7 +26,7 @@ class TraceResult:
         Flat index of the pixel that was hit or that blocked the ray; -1 where there is none.
     distance : (N,) float32
         How far the ray was followed, in units of its direction's length: to the hit, to what blocked it, or to
-        where it left the frame or reached its largest distance; +inf for rays that vanish or ran out of budget.
+        where it left the frame or reached its largest distance; +inf for rays that vanish.
     """
 
     status: np.ndarray

@@ -77,7 +77,7 @@ class ReflectionSettings:
         choices=("linear", "hierarchical"),
     )
     rays: int = option(
-        4, "Reflection rays per pixel; mirrors always take one exact ray", label="Rays", unit="rays/pixel", min=1, max=4096, soft_max=64
+        2, "Reflection rays per pixel; mirrors always take one exact ray", label="Rays", unit="rays/pixel", min=1, max=4096, soft_max=64
     )
     filter: bool = option(
         True, "Smooth the noise of rough reflections along surfaces; mirrors stay untouched", label="Denoise"
@@ -99,10 +99,10 @@ class DiffuseSettings:
         choices=("hemisphere",),
     )
     rays: int = option(
-        16, "Directions over the hemisphere per pixel", label="Rays", unit="rays/pixel", min=1, max=4096, soft_max=128
+        8, "Directions over the hemisphere per pixel", label="Rays", unit="rays/pixel", min=1, max=4096, soft_max=128
     )
     bounces: int = option(
-        3,
+        6,
         "How often light is reflected before it reaches the visible surface; 1 is light that was reflected once",
         label="Bounces",
         min=1,
@@ -176,4 +176,4 @@ class Settings:
 
 
 # Diffuse rays, reflection rays, bounces.
-PRESETS = {"draft": (4, 1, 2), "balanced": (16, 4, 3), "final": (64, 16, 4)}
+PRESETS = {"draft": (4, 1, 3), "balanced": (8, 2, 6), "final": (32, 8, 8)}

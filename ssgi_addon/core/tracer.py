@@ -28,9 +28,6 @@ from .walk import Walk
 
 __all__ = ["BLOCKED", "ESCAPED", "HIT", "UNKNOWN", "TraceResult", "trace_rays"]
 
-# Rays are handed to the walk in groups of one direction octant; larger groups fall out of the cache.
-GROUP_SIZE = 65536
-_DEFAULT_STEPS = 4096
 
 
 def trace_rays(
@@ -39,7 +36,6 @@ def trace_rays(
     direction_vs: FloatArray,
     *,
     max_distance: float | FloatArray = np.inf,
-    max_steps: int = _DEFAULT_STEPS,
     starts_on_surface: bool = True,
 ) -> TraceResult:
     """Find the first surface of the field along each ray.
@@ -52,8 +48,6 @@ def trace_rays(
         View-space origins and directions, one row per component; perspective origins in front of the camera.
     max_distance : float or (N,)
         In units of the directions' length.
-    max_steps
-        Cells that a ray may visit; a ray out of budget is UNKNOWN.
     starts_on_surface
         The rays leave surfaces of this field: the cell under an origin is not tested, and what faces away
         beside it is self-contact. False for rays that come from elsewhere.
@@ -61,16 +55,5 @@ def trace_rays(
     count = origin_vs.shape[1]
     result = TraceResult.empty(count, origin_vs.dtype)
     rays = project_rays(field, origin_vs, direction_vs, max_distance)
-    octant = (
-        (rays.velocity[0] < 0.0).astype(np.uint8)
-        + 2 * (rays.velocity[1] < 0.0).astype(np.uint8)
-        + 4 * (rays.velocity[2] < 0.0).astype(np.uint8)
-    )
-    octant[~(rays.s_begin < np.inf)] = 8  # never over the frame
-    order = np.argsort(octant, kind="stable")
-    bounds = np.searchsorted(octant.take(order), np.arange(9))
-    for group in range(8):
-        for begin in range(bounds[group], bounds[group + 1], GROUP_SIZE):
-            members = order[begin : min(begin + GROUP_SIZE, bounds[group + 1])]
-            Walk(field, rays, direction_vs, members, group, starts_on_surface, result).run(max_steps)
+    Walk(field, rays, direction_vs, starts_on_surface, result).run()
     return result
