@@ -32,7 +32,7 @@ class DepthField:
         Pixels without a surface; rays pass them.
     front, gradient_x, gradient_y, slab, reach : (H*W,) float32
         Front plane q = front + gradient_x * dx + gradient_y * dy at an offset (dx, dy) px from the pixel's
-        centre, extent of the slab behind it in q, and how deep a ray may enter it between two pixels and
+        centre (-inf on background, which is behind every ray), extent of the slab behind it in q, and how deep a ray may enter it between two pixels and
         still count as meeting the front.
     normal : (H*W, 3) float32
         View-space shading normals.
@@ -110,7 +110,7 @@ class DepthField:
         return cls(
             camera=camera,
             is_background=is_background.ravel(),
-            front=q.ravel(),
+            front=np.where(is_background, -np.inf, q).astype(q.dtype).ravel(),
             gradient_x=gradient_x.ravel(),
             gradient_y=gradient_y.ravel(),
             slab=slab.ravel(),

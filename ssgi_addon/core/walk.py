@@ -22,11 +22,12 @@ _START = slice(0, 2)
 _Q0 = 2
 _SPEED = slice(3, 5)
 _VQ = 5
-_INVERSE = slice(6, 8)  # 1 / speed
-_SIGN = slice(8, 10)  # -1 where the axis is mirrored
-_CELL = slice(10, 12)  # column and row at the current level
-_SIZE = 12  # of that cell, pixels
-_S = 13  # on entry into the cell
+_SIGN = slice(6, 8)  # -1 where the axis is mirrored
+_CELL = slice(8, 10)  # column and row at the current level
+_S = 10  # on entry into the cell
+_MEETING = slice(0, 11)  # all that the look into a slab needs
+_INVERSE = slice(11, 13)  # 1 / speed
+_SIZE = 13  # of the cell, pixels
 _S_END = 14
 _ROWS = 15
 
@@ -116,7 +117,7 @@ class Walk:
         """Return state and slot of rays at their start, out of the origin's own cell."""
         field, rays = self.field, self.rays
         state = np.empty((_ROWS, ids.shape[0]), dtype=self.state.dtype)
-        for row, component in enumerate((*rays.start, *rays.velocity)):
+        for row, component in zip((0, 1, _Q0, 3, 4, _VQ), (*rays.start, *rays.velocity), strict=True):
             component.take(ids, out=state[row], mode="clip")
         start, speed, inverse, cell, s = state[_START], state[_SPEED], state[_INVERSE], state[_CELL], state[_S]
         is_mirrored = speed < 0.0
@@ -245,7 +246,7 @@ class Walk:
 
     def _meet_slabs(self, leaf: IntArray, s_out: FloatArray) -> IntArray:
         """Test rays against their level-0 cell; write hits and blocks, return the rays that stopped."""
-        field, state = self.field, self.state.take(leaf, axis=1)
+        field, state = self.field, self.state[_MEETING].take(leaf, axis=1)
         offset = state[_START] - (state[_CELL] + 0.5)
         s_in = state[_S]
         pixel = self._pixel(state[_CELL], state[_SIGN])
@@ -258,7 +259,6 @@ class Walk:
         behind = -field.slab.take(pixel)
         # From outside through the front, already inside, or from behind through the back
         meets = np.where(h_in > 0.0, h_out <= 0.0, (h_in >= behind) | (h_out >= behind))
-        meets &= ~field.is_background.take(pixel)
         met = np.flatnonzero(meets)
         if met.size == 0:
             return met
