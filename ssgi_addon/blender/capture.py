@@ -4,32 +4,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..blender_passes import FARTHEST_SURFACE
-from ..core import Camera, GBuffer
 from ..errors import SSGIError
 from ..frame import CapturedFrame
 from .capture_notes import capture_notes
 from .cycles_passes import RenderedPasses, render_passes
-from .render_settings import borrow_denoiser, borrow_passes, borrow_scene
+from .gbuffer import LIGHT_PASSES, gbuffer_from_passes
+from .render_settings import borrow_denoiser, borrow_passes, borrow_pixel_centers, borrow_scene
 from .restore import Restorer
 from .roughness import borrow_roughness
+from .surround import capture_surround, surround_pose
 from .volumes import borrow_clear_air
 
 FloatArray = NDArray[np.float32]
 Progress = Callable[[float, str], None]
 
-_LIGHT_PASSES = (
-    "Combined",
-    "Diffuse Direct",
-    "Diffuse Color",
-    "Glossy Direct",
-    "Glossy Color",
+_ALL_LIGHT_PASSES = (
+    *LIGHT_PASSES,
     "Transmission Direct",
     "Transmission Indirect",
     "Transmission Color",
@@ -58,6 +54,10 @@ class CaptureOptions:
         Frame number; None means the current one.
     view_layer
         Name; None means the active one, or the first that renders.
+    surround
+        Width and height of each of the six views around the camera, pixels; 0 captures none.
+    surround_samples
+        Cycles' samples of the light in those views.
     """
 
     engine: str = "cycles"
@@ -66,6 +66,8 @@ class CaptureOptions:
     resolution: tuple[int, int] | None = None
     frame: int | None = None
     view_layer: str | None = None
+    surround: int = 0
+    surround_samples: int = 4
 
 
 def capture_frame(
@@ -74,7 +76,8 @@ def capture_frame(
     """Render geometry and direct light of one frame.
 
     Two renders: geometry from a single sample at each pixel's centre, since averaged normals belong to no
-    surface; and light with as many samples as asked for, without diffuse and glossy bounces.
+    surface; and light with as many samples as asked for, without diffuse and glossy bounces. A surround
+    takes six small ones more.
 
     Parameters
     ----------
@@ -106,15 +109,21 @@ def capture_frame(
             frame=options.frame,
             view_layer=options.view_layer,
         )
+        # Cycles then builds its scene once for all renders of this capture; switching it off frees it.
+        restorer.change(scene.render, use_persistent_data=True)
         report(0.0, "Geometry")
         geometry, roughness = _capture_geometry(scene, view_layer)
         report(0.3, "Direct light")
         light, is_denoised = _capture_light(scene, view_layer, options)
         notes = capture_notes(scene)
+        frame = _assemble(geometry, roughness, light, notes)
+        if options.surround:
+            frame = _add_surround(frame, scene, view_layer, options, report)
     if options.denoise and not is_denoised:
-        notes = (*notes, "This Blender has no denoiser: the direct light is not denoised.")
+        note = "This Blender has no denoiser: the direct light is not denoised."
+        frame = replace(frame, notes=(*frame.notes, note))
     report(1.0, "Captured")
-    return _assemble(geometry, roughness, light, notes)
+    return frame
 
 
 def _capture_geometry(
@@ -125,14 +134,10 @@ def _capture_geometry(
         restorer.change(
             scene.cycles,
             samples=1,
-            # The narrowest filter; a box filter would ignore its width.
-            pixel_filter_type="BLACKMAN_HARRIS",
-            filter_width=0.01,
             # Rays that are cut out of leaves go on; all else about light is not needed.
             max_bounces=0,
         )
-        restorer.change(scene.render, use_motion_blur=False)
-        restorer.change(scene.camera.data.dof, use_dof=False)
+        borrow_pixel_centers(restorer, scene)
         borrow_denoiser(restorer, scene, view_layer, wanted=False)
         borrow_clear_air(restorer, view_layer)
         roughness = borrow_roughness(restorer, view_layer)
@@ -149,48 +154,47 @@ def _capture_light(
     with Restorer() as restorer:
         restorer.change(scene.cycles, samples=options.samples, diffuse_bounces=0, glossy_bounces=0)
         is_denoised = borrow_denoiser(restorer, scene, view_layer, options.denoise)
-        borrow_passes(restorer, view_layer, _LIGHT_PASSES)
-        return render_passes(scene, view_layer, _LIGHT_PASSES), is_denoised
+        borrow_passes(restorer, view_layer, _ALL_LIGHT_PASSES)
+        return render_passes(scene, view_layer, _ALL_LIGHT_PASSES), is_denoised
+
+
+def _add_surround(
+    frame: CapturedFrame,
+    scene: bpy.types.Scene,
+    view_layer: bpy.types.ViewLayer,
+    options: CaptureOptions,
+    report: Progress,
+) -> CapturedFrame:
+    """Return the frame with the views around it, none where no surface could send rays into them."""
+    nearest = float(frame.gbuffer.depth.min())
+    if not np.isfinite(nearest):
+        return frame
+    views, seconds = capture_surround(
+        scene,
+        view_layer,
+        surround_pose(frame.camera, nearest, scene.camera.data.clip_start),
+        size=options.surround,
+        samples=options.surround_samples,
+        progress=lambda fraction, text: report(0.7 + 0.3 * fraction, text),
+    )
+    return replace(frame, views=views, seconds={**frame.seconds, "surround": seconds})
 
 
 def _assemble(
     geometry: RenderedPasses, roughness: FloatArray, light: RenderedPasses, notes: tuple[str, ...]
 ) -> CapturedFrame:
-    camera = geometry.camera
-    depth = geometry.layers["Depth"]
-    source = light.layers["Diffuse Direct"] * light.layers["Diffuse Color"]
-    gbuffer = GBuffer(
-        depth=np.where(depth < FARTHEST_SURFACE, depth, np.float32(np.inf)),
-        normal=_world_to_view(geometry.layers["Normal"], camera),
-        albedo=light.layers["Diffuse Color"],
-        specular=light.layers["Glossy Color"],
-        roughness=roughness,
-        direct=light.layers["Combined"],
-        source=source,
-        glossy_source=source + light.layers["Glossy Direct"] * light.layers["Glossy Color"],
-    )
+    layers = {**light.layers, **{name: geometry.layers[name] for name in ("Depth", "Normal", "Position")}}
     return CapturedFrame(
-        gbuffer=gbuffer,
-        camera=camera,
+        gbuffer=gbuffer_from_passes(layers, roughness, geometry.camera),
+        camera=geometry.camera,
         environment=None,
         engine="cycles",
         emission_in_direct=True,
         world_in_direct=True,
-        layers={
-            **light.layers,
-            "Depth": depth,
-            "Normal": geometry.layers["Normal"],
-            "Position": geometry.layers["Position"],
-        },
+        layers=layers,
         seconds={"geometry": geometry.seconds, "light": light.seconds},
         notes=notes,
     )
-
-
-def _world_to_view(normal_ws: FloatArray, camera: Camera) -> FloatArray:
-    """Rotate world-space normals into view space; rows times the pose are columns times its transpose."""
-    rotation = camera.world_from_view[:3, :3].astype(np.float32)
-    return np.einsum("hwi,ij->hwj", normal_ws, rotation)
 
 
 def _ignore(fraction: float, text: str) -> None:

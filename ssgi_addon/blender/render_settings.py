@@ -55,8 +55,7 @@ def borrow_scene(
     if frame is not None:
         _go_to_frame(restorer, scene, frame)
     check_camera(scene)
-    _borrow_framing(restorer, scene, resolution)
-
+    borrow_framing(restorer, scene, resolution)
     restorer.change(
         scene.render,
         engine="CYCLES",
@@ -68,8 +67,6 @@ def borrow_scene(
         restorer.change(other, use=other == layer)
     restorer.change(
         scene.cycles,
-        tile_size=max(scene.cycles.tile_size, *full_size(scene)),
-        use_auto_tile=False,
         use_adaptive_sampling=False,
         use_layer_samples="IGNORE",
         use_sample_subset=False,
@@ -77,6 +74,53 @@ def borrow_scene(
         use_fast_gi=False,
     )
     return layer
+
+
+def borrow_framing(restorer: Restorer, scene: bpy.types.Scene, resolution: tuple[int, int] | None) -> None:
+    """Let renders return the whole frame, or its cropped border, in one tile; None keeps the resolution.
+
+    Raises
+    ------
+    SSGIError
+        If no pixel is left to render, or more than a tile holds.
+    """
+    if resolution is not None:
+        width, height = resolution
+        if width < 1 or height < 1:
+            raise SSGIError(f"Resolution {width} x {height} has no pixels: give at least 1 x 1.")
+        # Sizes below the smallest that the property takes are a percentage of larger ones.
+        scale = 1 if min(width, height) >= _SMALLEST_RESOLUTION_PX else 100
+        restorer.change(
+            scene.render,
+            resolution_x=width * scale,
+            resolution_y=height * scale,
+            resolution_percentage=100 // scale,
+        )
+    if not scene.render.use_crop_to_border:
+        # Without crop Blender renders part of the frame and leaves the rest empty; rays need the whole.
+        restorer.change(scene.render, use_border=False)
+    width, height = rendered_region(scene)[2:]
+    if width < 1 or height < 1:
+        raise SSGIError(
+            f"Scene '{scene.name}' renders {width} x {height} pixels: raise the resolution or its "
+            "percentage, or widen the render border, in Output properties > Format."
+        )
+    if max(full_size(scene)) > LARGEST_TILE_PX:
+        raise SSGIError(
+            f"{' x '.join(map(str, full_size(scene)))} pixels are more than Cycles returns in memory: "
+            f"render at most {LARGEST_TILE_PX} pixels a side."
+        )
+    restorer.change(
+        scene.cycles, tile_size=max(scene.cycles.tile_size, *full_size(scene)), use_auto_tile=False
+    )
+
+
+def borrow_pixel_centers(restorer: Restorer, scene: bpy.types.Scene) -> None:
+    """Send every sample through the centre of its pixel, from one point and at one moment."""
+    # The narrowest filter; a box filter would ignore its width.
+    restorer.change(scene.cycles, pixel_filter_type="BLACKMAN_HARRIS", filter_width=0.01)
+    restorer.change(scene.render, use_motion_blur=False)
+    restorer.change(scene.camera.data.dof, use_dof=False)
 
 
 def borrow_denoiser(
@@ -123,32 +167,3 @@ def _go_to_frame(restorer: Restorer, scene: bpy.types.Scene, frame: int) -> None
     restorer.callback(lambda: setattr(scene, "camera", camera))
     restorer.callback(scene.frame_set, scene.frame_current, subframe=scene.frame_subframe)
     scene.frame_set(frame)
-
-
-def _borrow_framing(restorer: Restorer, scene: bpy.types.Scene, resolution: tuple[int, int] | None) -> None:
-    if resolution is not None:
-        width, height = resolution
-        if width < 1 or height < 1:
-            raise SSGIError(f"Resolution {width} x {height} has no pixels: give at least 1 x 1.")
-        # Sizes below the smallest that the property takes are a percentage of larger ones.
-        scale = 1 if min(width, height) >= _SMALLEST_RESOLUTION_PX else 100
-        restorer.change(
-            scene.render,
-            resolution_x=width * scale,
-            resolution_y=height * scale,
-            resolution_percentage=100 // scale,
-        )
-    if not scene.render.use_crop_to_border:
-        # Without crop Blender renders part of the frame and leaves the rest empty; rays need the whole.
-        restorer.change(scene.render, use_border=False)
-    width, height = rendered_region(scene)[2:]
-    if width < 1 or height < 1:
-        raise SSGIError(
-            f"Scene '{scene.name}' renders {width} x {height} pixels: raise the resolution or its "
-            "percentage, or widen the render border, in Output properties > Format."
-        )
-    if max(full_size(scene)) > LARGEST_TILE_PX:
-        raise SSGIError(
-            f"{' x '.join(map(str, full_size(scene)))} pixels are more than Cycles returns in memory: "
-            f"render at most {LARGEST_TILE_PX} pixels a side."
-        )

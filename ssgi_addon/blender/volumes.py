@@ -19,6 +19,9 @@ def borrow_clear_air(restorer: Restorer, view_layer: bpy.types.ViewLayer) -> Non
         volume = output_link(owner.node_tree, "Volume")
         if volume is None:
             continue
+        if isinstance(owner, bpy.types.World):
+            _forget_kept_scene(view_layer.id_data)
+            restorer.callback(_forget_kept_scene, view_layer.id_data)
         # What has neither surface nor volume is black and solid.
         if isinstance(owner, bpy.types.Material) and output_link(owner.node_tree, "Surface") is None:
             _make_transparent(restorer, owner.node_tree)
@@ -30,3 +33,10 @@ def _make_transparent(restorer: Restorer, tree: bpy.types.NodeTree) -> None:
     transparent = tree.nodes.new("ShaderNodeBsdfTransparent")
     restorer.callback(tree.nodes.remove, transparent)
     tree.links.new(output.inputs["Surface"], transparent.outputs[0])
+
+
+def _forget_kept_scene(scene: bpy.types.Scene) -> None:
+    """Free what persistent data keeps: Cycles would miss that a world's volume comes or goes."""
+    is_kept = scene.render.use_persistent_data
+    scene.render.use_persistent_data = False
+    scene.render.use_persistent_data = is_kept
