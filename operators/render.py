@@ -7,8 +7,7 @@ from pathlib import Path
 
 import bpy
 
-from ..ssgi_addon import job
-from ..ssgi_addon.blender import compositor
+from ..ssgi_addon.blender import compositor, job
 from ..ssgi_addon.errors import SSGIError
 from ..ssgi_addon.properties import core_settings
 

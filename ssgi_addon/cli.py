@@ -206,7 +206,7 @@ def _render(arguments: argparse.Namespace, progress: Progress) -> None:
     if arguments.reference_samples is not None and not arguments.compare:
         arguments.fail("--reference-samples needs --compare")
     require_bpy()
-    from .job import JobOptions, run_job
+    from .blender.job import JobOptions, run_job
 
     options = JobOptions(
         output=arguments.output,
@@ -230,7 +230,7 @@ def _render(arguments: argparse.Namespace, progress: Progress) -> None:
 
 
 def _apply(arguments: argparse.Namespace, progress: Progress) -> None:
-    from .job import apply_passes
+    from .results import apply_passes
 
     settings = _settings(arguments, remembered_settings(arguments.passes))
     apply_passes(arguments.passes, arguments.output, arguments.camera, settings, progress)
@@ -262,7 +262,7 @@ def _compare(arguments: argparse.Namespace, progress: Progress) -> None:
 
 def _demo(arguments: argparse.Namespace, progress: Progress) -> None:
     require_bpy()
-    from .job import run_demo
+    from .blender.job import run_demo
 
     picture = run_demo(arguments.output, progress)
     progress.close()

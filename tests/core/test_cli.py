@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import ssgi_addon
-from ssgi_addon import bpy_module, cli
+from ssgi_addon import bpy_module, cli, results
 from ssgi_addon.bpy_module import explain_import_error, require_bpy
 from ssgi_addon.cli import main
 from ssgi_addon.core import Settings
@@ -21,6 +21,7 @@ from ssgi_addon.progress import Progress
 pytest.importorskip("OpenEXR")
 
 ROOT = Path(__file__).resolve().parents[2]
+JOB = "ssgi_addon.blender.job"
 
 
 @dataclass(frozen=True)
@@ -60,9 +61,10 @@ def calls(monkeypatch):
     def run_demo(output, progress):
         return output / "demo.png"
 
-    job = types.ModuleType("ssgi_addon.job")
-    job.JobOptions, job.run_job, job.apply_passes, job.run_demo = FakeOptions, run_job, apply_passes, run_demo
-    monkeypatch.setitem(sys.modules, "ssgi_addon.job", job)
+    job = types.ModuleType(JOB)
+    job.JobOptions, job.run_job, job.run_demo = FakeOptions, run_job, run_demo
+    monkeypatch.setitem(sys.modules, JOB, job)
+    monkeypatch.setattr(results, "apply_passes", apply_passes)
     monkeypatch.setattr(cli, "require_bpy", lambda: None)
     return made
 
@@ -177,7 +179,7 @@ def test_failed_work_is_one_line_and_exit_code_1(calls, capsys, monkeypatch):
     def fail(*arguments):
         raise SSGIError("cannot open a.blend:\n  no such file")
 
-    monkeypatch.setattr(sys.modules["ssgi_addon.job"], "run_job", fail)
+    monkeypatch.setattr(sys.modules[JOB], "run_job", fail)
     assert main(["render", "a.blend", "--output", "out"]) == 1
     assert capsys.readouterr() == ("", "ssgi: error: cannot open a.blend: no such file\n")
 
@@ -186,7 +188,7 @@ def test_unexpected_errors_keep_their_traceback(calls, monkeypatch):
     def fail(*arguments):
         raise ZeroDivisionError
 
-    monkeypatch.setattr(sys.modules["ssgi_addon.job"], "run_job", fail)
+    monkeypatch.setattr(sys.modules[JOB], "run_job", fail)
     with pytest.raises(ZeroDivisionError):
         main(["render", "a.blend", "--output", "out"])
 

@@ -1,0 +1,349 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The job: capture a frame, compute its indirect light, write the result, compare it with Cycles."""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from .. import __version__
+from ..core import Settings
+from ..errors import SSGIError
+from ..exr import write_layers
+from ..files import write_json
+from ..heatmap import error_map
+from ..passes import settings_to_json, write_passes
+from ..results import Picture, check_writable, compute_picture, measure_errors, peak_memory_mb, write_picture
+from . import demo_scene
+from .capture import CaptureOptions, capture_frame
+from .display import to_display, write_display_png
+from .reference import Reference, ReferenceOptions, render_reference
+from .sheet import write_contact_sheet
+
+Progress = Callable[[float, str], None]
+Report = dict[str, Any]
+
+# Samples of the direct light, and pixels along the side of each view of the surround.
+DIRECT_SAMPLES = 16
+SURROUND_SIZE = 128
+SURROUND_SAMPLES = 4
+_DEMO_SIZE = (960, 540)
+_DEMO_REFERENCE_SAMPLES = 128
+
+
+@dataclass(frozen=True)
+class JobOptions:
+    """What to render and where to write it.
+
+    Attributes
+    ----------
+    output
+        Folder for the results; it is made when the first one is written.
+    settings
+        Of the passes.
+    engine
+        Renders the direct light.
+    samples
+        Of the direct light; None means `DIRECT_SAMPLES`.
+    denoise
+        Denoise the direct light.
+    surround
+        Side of each of the six views around the camera, pixels; 0 captures none.
+    resolution
+        Width and height, pixels; None means the scene's.
+    frames
+        Frame numbers; None means the current one.
+    compare
+        Also render the Cycles GI reference and measure the error.
+    reference_samples
+        Of the reference.
+    passes
+        Also keep the captured passes and the camera, for `apply`.
+    overwrite
+        Replace results that are there already.
+    """
+
+    output: Path
+    settings: Settings = field(default_factory=lambda: Settings.preset("balanced"))
+    engine: str = "cycles"
+    samples: int | None = None
+    denoise: bool = True
+    surround: int = SURROUND_SIZE
+    resolution: tuple[int, int] | None = None
+    frames: tuple[int, ...] | None = None
+    compare: bool = False
+    reference_samples: int = 64
+    passes: bool = False
+    overwrite: bool = False
+
+
+@dataclass(frozen=True)
+class FrameResult:
+    """The files of one frame, and its entry in the report."""
+
+    exr_path: Path
+    png_path: Path
+    sheet_path: Path | None
+    record: Report
+
+
+def run_job(scene_path: Path | None, options: JobOptions, progress: Progress | None = None) -> Report:
+    """Render frames of a scene and write results and ``report.json``.
+
+    Parameters
+    ----------
+    scene_path
+        The .blend file; None means the open scene.
+    options
+        What to render.
+    progress
+        Called with a fraction and a text; may raise to stop.
+
+    Returns
+    -------
+    dict
+        The report.
+
+    Raises
+    ------
+    SSGIError
+        If the scene cannot be opened or captured, or a result cannot be written.
+    """
+    check_writable(options.output)
+    if scene_path is not None:
+        open_scene(scene_path)
+    report, _ = render_frames(bpy.context.scene, options, progress)
+    return report
+
+
+def open_scene(path: Path) -> None:
+    """Open a .blend file.
+
+    Raises
+    ------
+    SSGIError
+        If it is missing or is not a file that this Blender reads.
+    """
+    if not path.is_file():
+        raise SSGIError(f"there is no scene {path}: check the path")
+    try:
+        bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=False)
+    except RuntimeError as error:
+        raise SSGIError(f"cannot open {path}: {error}") from error
+
+
+def render_frames(
+    scene: bpy.types.Scene, options: JobOptions, progress: Progress | None = None
+) -> tuple[Report, list[FrameResult]]:
+    """Render frames of an open scene; the report is written after each.
+
+    Parameters and errors are those of `run_job`.
+    """
+    check_writable(options.output)
+    frames = options.frames or (scene.frame_current,)
+    _refuse_old_results(options, frames)
+    report: Report = {
+        "versions": _versions(),
+        "settings": {
+            **settings_to_json(options.settings),
+            "engine": options.engine,
+            "samples": options.samples or DIRECT_SAMPLES,
+            "denoise": options.denoise,
+            "surround": options.surround,
+        },
+        "frames": [],
+    }
+    results = []
+    for index, frame in enumerate(frames):
+        part = _part(progress, index / len(frames), 1.0 / len(frames))
+        result = _render_one(scene, frame, options, part)
+        results.append(result)
+        report["frames"].append(result.record)
+        write_json(options.output / "report.json", report)
+    return report, results
+
+
+def render_frame(scene: bpy.types.Scene, options: JobOptions, progress: Progress | None = None) -> FrameResult:
+    """Render the first frame that the options name; parameters and errors are those of `run_job`."""
+    return render_frames(scene, options, progress)[1][0]
+
+
+def run_demo(output: Path, progress: Progress | None = None) -> Path:
+    """Build the demo scene in an empty file, run the whole job on it, and return the picture that shows it.
+
+    Raises
+    ------
+    SSGIError
+        If a result cannot be written.
+    """
+    check_writable(output)
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    scene = demo_scene.build_demo_scene()
+    options = JobOptions(
+        output=output,
+        resolution=_DEMO_SIZE,
+        compare=True,
+        reference_samples=_DEMO_REFERENCE_SAMPLES,
+        passes=True,
+        overwrite=True,
+    )
+    sheet = render_frame(scene, options, progress).sheet_path
+    assert sheet is not None  # compare is on
+    return sheet
+
+
+def _render_one(scene: bpy.types.Scene, frame: int, options: JobOptions, progress: Progress) -> FrameResult:
+    """Run the whole job on one frame; the order of the steps is that of the data flow."""
+    seconds: dict[str, float] = {}
+    share = 0.5 if options.compare else 1.0
+    stem = _stem(frame)
+    begun = time.perf_counter()
+    captured = capture_frame(
+        scene,
+        CaptureOptions(
+            engine=options.engine,
+            samples=options.samples or DIRECT_SAMPLES,
+            denoise=options.denoise,
+            resolution=options.resolution,
+            frame=frame,
+            surround=options.surround,
+            surround_samples=SURROUND_SAMPLES,
+        ),
+        _part(progress, 0.0, 0.5 * share),
+    )
+    seconds["capture"] = time.perf_counter() - begun
+    computing = time.perf_counter()
+    picture = compute_picture(captured, options.settings, _part(progress, 0.5 * share, 0.45 * share))
+    seconds["passes"] = time.perf_counter() - computing
+    writing = time.perf_counter()
+    progress(0.96 * share, "Writing")
+    if options.passes:
+        write_passes(captured, options.output / "passes", stem, options.settings)
+    exr_path, png_path = options.output / f"{stem}.exr", options.output / f"{stem}.png"
+    write_display_png(scene, picture.combined, png_path)
+    write_picture(picture, exr_path)
+    seconds["write"] = time.perf_counter() - writing
+    seconds["total"] = time.perf_counter() - begun
+    record = _record(frame, picture, seconds)
+    sheet_path = None
+    if options.compare:
+        reference = _render_reference(scene, frame, options, _part(progress, share, 0.9 * share))
+        record["metrics"] = measure_errors(
+            picture, reference.combined, reference.diffuse_indirect, reference.glossy_indirect
+        )
+        seconds["reference"] = reference.seconds
+        sheet_path = options.output / f"{stem}_compare.png"
+        _write_comparison(scene, picture, reference, record, options, sheet_path)
+    record["peak_memory_mb"] = peak_memory_mb()
+    progress(1.0, "Done")
+    return FrameResult(exr_path, png_path, sheet_path, record)
+
+
+def _record(frame: int, picture: Picture, seconds: dict[str, float]) -> Report:
+    """Return a frame's entry in the report; `seconds` is filled up with the steps' own."""
+    for name, value in {**picture.frame.seconds, **picture.light.seconds}.items():
+        seconds.setdefault(name, value)
+    return {
+        "frame": frame,
+        "seconds": seconds,
+        "peak_memory_mb": None,
+        "rays": dict(picture.light.rays),
+        "known": float(np.mean(picture.light.known, dtype=np.float64)),
+        "skipped": [{"what": what, "why": why} for what, why in picture.light.skipped],
+        "notes": list(picture.frame.notes),
+        "metrics": None,
+    }
+
+
+def _render_reference(
+    scene: bpy.types.Scene, frame: int, options: JobOptions, progress: Progress
+) -> Reference:
+    """Render Cycles' GI at the same size and keep it beside the results, for `compare`."""
+    reference = render_reference(
+        scene,
+        ReferenceOptions(samples=options.reference_samples, resolution=options.resolution, frame=frame),
+        progress,
+    )
+    layers = {
+        "combined": reference.combined,
+        "diffuse": reference.diffuse_indirect,
+        "glossy": reference.glossy_indirect,
+    }
+    write_layers(options.output / "reference" / f"{_stem(frame)}.exr", layers)
+    return reference
+
+
+def _write_comparison(
+    scene: bpy.types.Scene,
+    picture: Picture,
+    reference: Reference,
+    record: Report,
+    options: JobOptions,
+    path: Path,
+) -> None:
+    """Write the sheet: direct only, ours, Cycles GI, error map, with metrics and seconds below."""
+    panels = [
+        ("Direct light only", to_display(scene, picture.frame.gbuffer.direct)),
+        ("With indirect light (ours)", to_display(scene, picture.combined)),
+        ("Cycles GI", to_display(scene, reference.combined)),
+        ("Error of ours", error_map(picture.combined, reference.combined)),
+    ]
+    metrics, seconds = record["metrics"], record["seconds"]
+    direct, ours = metrics["direct_only"], metrics["combined"]
+    samples = options.samples or DIRECT_SAMPLES
+    cells = [
+        f"relMSE {direct['relmse']:.3g} · SSIM {direct['ssim']:.3f}",
+        f"relMSE {ours['relmse']:.3g} · SSIM {ours['ssim']:.3f}",
+        f"{reference.samples} samples · {reference.seconds:.1f} s",
+        "",
+    ]
+    times = [
+        f"light {seconds['light']:.1f} s, {samples} samples",
+        f"total {seconds['total']:.1f} s: capture {seconds['capture']:.1f}, passes {seconds['passes']:.1f}",
+        "",
+        "",
+    ]
+    height, width = picture.combined.shape[:2]
+    where = f"{Path(bpy.data.filepath).stem or scene.name}, frame {record['frame']}, {width} x {height}"
+    note = f"{where} · {record['known']:.0%} of the samples answered by what was captured"
+    write_contact_sheet(path, panels, ["\t".join(cells), "\t".join(times), note])
+
+
+def _refuse_old_results(options: JobOptions, frames: tuple[int, ...]) -> None:
+    if options.overwrite:
+        return
+    for frame in frames:
+        path = options.output / f"{_stem(frame)}.exr"
+        if path.exists():
+            raise SSGIError(f"{path} is there already: add --overwrite, or choose another folder")
+
+
+def _stem(frame: int) -> str:
+    """Return the name of a frame's files: the scene file's, or what an unsaved one is called."""
+    return f"{Path(bpy.data.filepath).stem or 'untitled'}_{frame:04d}"
+
+
+def _versions() -> dict[str, str]:
+    return {
+        "ssgi": __version__,
+        "blender": bpy.app.version_string,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+    }
+
+
+def _part(progress: Progress | None, begin: float, share: float) -> Progress:
+    """Return a progress callback that fills a part of the whole."""
+
+    def report(fraction: float, text: str) -> None:
+        if progress is not None:
+            progress(begin + share * fraction, text)
+
+    return report

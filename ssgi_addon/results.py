@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From a captured frame to the finished picture and its file; no Blender needed."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import __version__
+from .core import IndirectLight, Settings, composite, render_indirect
+from .core.metrics import compare_images
+from .errors import SSGIError
+from .exr import write_layers
+from .frame import CapturedFrame
+from .passes import read_passes
+
+FloatArray = np.ndarray[Any, np.dtype[np.float32]]
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A captured frame with its indirect light.
+
+    Attributes
+    ----------
+    frame, light
+        What went in and what came out.
+    combined : (H, W, 3)
+        direct + albedo * diffuse + specular * glossy, scene-linear.
+    """
+
+    frame: CapturedFrame
+    light: IndirectLight
+    combined: FloatArray
+
+
+def compute_picture(frame: CapturedFrame, settings: Settings, progress: Progress | None = None) -> Picture:
+    """Compute the indirect light of a captured frame and add it.
+
+    Raises
+    ------
+    SSGIError
+        If the passes do not fit together.
+    """
+    try:
+        light = render_indirect(
+            frame.gbuffer, frame.camera, settings, frame.environment, views=frame.views, progress=progress
+        )
+    except ValueError as error:
+        raise SSGIError(f"the passes cannot be used: {error}") from error
+    except MemoryError as error:
+        raise SSGIError("not enough memory: render at a lower resolution or with fewer rays") from error
+    return Picture(frame, light, composite(frame.gbuffer, light))
+
+
+def write_picture(picture: Picture, path: Path) -> None:
+    """Write the result as one multilayer EXR file.
+
+    Raises
+    ------
+    SSGIError
+        If the file cannot be written.
+    """
+    gbuffer, light = picture.frame.gbuffer, picture.light
+    layers = {
+        "combined": picture.combined,
+        "direct": gbuffer.direct,
+        "diffuse": light.diffuse,
+        "glossy": light.glossy,
+        "visibility": light.visibility,
+        "known": light.known,
+        "albedo": gbuffer.albedo,
+        "specular": gbuffer.specular,
+    }
+    write_layers(path, layers, {"Software": f"ssgi {__version__}"})
+
+
+def apply_passes(
+    passes_path: Path,
+    output_path: Path,
+    camera_path: Path | None,
+    settings: Settings,
+    progress: Progress | None = None,
+) -> None:
+    """Add the indirect light to passes that were rendered earlier, and write the result.
+
+    Parameters
+    ----------
+    passes_path
+        Multilayer EXR file: ours, or Blender's.
+    output_path
+        The EXR file to write; an older one is replaced.
+    camera_path
+        JSON file with the camera, where the EXR file has none beside it.
+    settings
+        How to sample.
+    progress
+        Called with a fraction and a text.
+
+    Raises
+    ------
+    SSGIError
+        If the passes cannot be read, lack something, or the result cannot be written.
+    """
+    check_writable(output_path.parent)
+    if output_path.suffix.lower() != ".exr":
+        raise SSGIError(f"{output_path} should end in .exr: the result is a multilayer EXR file")
+    if output_path.resolve() == passes_path.resolve():
+        raise SSGIError(f"{output_path} is the file with the passes: give the result another name")
+    write_picture(compute_picture(read_passes(passes_path, camera_path), settings, progress), output_path)
+
+
+def measure_errors(
+    picture: Picture, combined: FloatArray, diffuse: FloatArray, glossy: FloatArray
+) -> dict[str, dict[str, float | None]]:
+    """Compare a picture, and its direct light alone, with a reference's passes."""
+    return {
+        "combined": compare_images(picture.combined, combined),
+        "direct_only": compare_images(picture.frame.gbuffer.direct, combined),
+        "diffuse": compare_images(picture.light.diffuse, diffuse),
+        "glossy": compare_images(picture.light.glossy, glossy),
+    }
+
+
+def check_writable(folder: Path) -> None:
+    """Find out before hours of work whether a folder can be written, without making it.
+
+    Raises
+    ------
+    SSGIError
+        If it cannot.
+    """
+    existing = folder.absolute()
+    while not existing.exists() and existing != existing.parent:
+        existing = existing.parent
+    if not existing.is_dir():
+        raise SSGIError(f"cannot write to {folder}: {existing} is not a folder; choose another place")
+    probe = existing / ".ssgi-probe.tmp"
+    try:
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise SSGIError(f"cannot write to {folder}: {error.strerror or error}; choose another place") from error
+
+
+def peak_memory_mb() -> float | None:
+    """Return the largest resident size that this process has had, MB; None where the system does not tell."""
+    try:
+        import resource
+    except ModuleNotFoundError:  # Windows
+        return None
+    units_per_mb = 1e6 if sys.platform == "darwin" else 1e3
+    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / units_per_mb, 1)
