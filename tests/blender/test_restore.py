@@ -9,7 +9,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from ssgi_addon.blender import capture, compat, cycles_passes, roughness
+from ssgi_addon.blender import capture, compat, cycles_passes, roughness, surround
 from ssgi_addon.blender.build import add_box, new_material, node_tree
 from ssgi_addon.blender.capture import CaptureOptions, capture_frame
 from ssgi_addon.blender.cycles_passes import cycles_engine
@@ -19,14 +19,15 @@ from ssgi_addon.errors import SSGIError
 from tests.blender.fingerprint import changes, fingerprint
 from tests.blender.test_roughness import MATERIALS, add_tile, look_down, material_of
 
-OPTIONS = CaptureOptions(samples=1, resolution=(16, 12), frame=3)
+OPTIONS = CaptureOptions(samples=1, resolution=(16, 12), frame=3, surround=4, surround_samples=1)
 
 
 @pytest.fixture(params=["aov", "native"])
 def scene(request, empty_file, monkeypatch):
     """A file with much to lose: all kinds of materials, volumes, settings, and a compositor on its passes."""
     if request.param == "aov":
-        monkeypatch.setattr(capture, "borrow_roughness", roughness.borrow_aov_roughness)
+        for module in (capture, surround):
+            monkeypatch.setattr(module, "borrow_roughness", roughness.borrow_aov_roughness)
     elif not compat.has_roughness_pass(empty_file.view_layers[0]):
         pytest.skip("this Blender has no roughness among its denoising passes")
     scene = empty_file
@@ -110,7 +111,7 @@ def test_everything_is_restored_after_a_reference(scene):
     assert_unchanged(before)
 
 
-@pytest.mark.parametrize("step", ["Geometry", "Direct light"])
+@pytest.mark.parametrize("step", ["Geometry", "Direct light", "Surround"])
 def test_everything_is_restored_when_a_step_is_interrupted(scene, step):
     def interrupt(fraction, text):
         if text == step:
