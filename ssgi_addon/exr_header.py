@@ -67,7 +67,7 @@ def read_headers(path: Path) -> list[PartHeader]:
         raise SSGIError(f"cannot read {path}: {error.strerror or error}; check the path") from error
     except _BadFileError as error:
         raise SSGIError(f"cannot read {path}: {error}") from error
-    except (struct.error, IndexError, UnicodeDecodeError) as error:
+    except (struct.error, IndexError, ValueError) as error:
         raise SSGIError(f"cannot read {path}: its header is damaged; write the file again") from error
 
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import tempfile
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import pytest
 hypothesis.settings.register_profile("ssgi", deadline=None, derandomize=True)
 hypothesis.settings.load_profile("ssgi")
 
+_EXIT_STATUS = pytest.StashKey[int]()
 _resources = None
 
 
@@ -26,10 +28,22 @@ def pytest_configure(config: pytest.Config) -> None:
         os.environ["BLENDER_USER_RESOURCES"] = _resources.name
 
 
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
+    session.config.stash[_EXIT_STATUS] = int(exitstatus)
+
+
+@pytest.hookimpl(trylast=True)
 def pytest_unconfigure(config: pytest.Config) -> None:
     if _resources is not None:
         os.environ.pop("BLENDER_USER_RESOURCES", None)
         _resources.cleanup()
+    # Blender shuts down when Python frees its module. Property tests leave references to it behind, and then
+    # Blender 4.5 waits in its exit handlers for a thread of its own, forever.
+    bpy = sys.modules.get("bpy")
+    if bpy is not None and bpy.app.version < (5, 0):
+        config.get_terminal_writer().flush()
+        os._exit(config.stash.get(_EXIT_STATUS, 0))
 
 
 @pytest.fixture
