@@ -76,7 +76,9 @@ class Camera:
         if not (_is_number(fov_x) and 0.0 < fov_x < math.pi):
             raise ValueError(f"fov_x: expected radians between 0 and pi, got {fov_x!r}")
         _check_size(width, height)
-        return cls._make(width, height, 0.5 * width / math.tan(0.5 * fov_x), shift_px, pixel_aspect, False, world_from_view)
+        return cls._make(
+            width, height, 0.5 * width / math.tan(0.5 * fov_x), shift_px, pixel_aspect, False, world_from_view
+        )
 
     @classmethod
     def orthographic(
@@ -143,10 +145,12 @@ class Camera:
         """
         depth = -points_vs[..., 2]
         scale = 1.0 if self.is_orthographic else 1.0 / depth
-        return self.cx + self.fx * points_vs[..., 0] * scale, self.cy - self.fy * points_vs[..., 1] * scale, depth
+        x_px = self.cx + self.fx * points_vs[..., 0] * scale
+        y_px = self.cy - self.fy * points_vs[..., 1] * scale
+        return x_px, y_px, depth
 
     def pixel_to_view(self, x_px: FloatArray, y_px: FloatArray, depth: FloatArray) -> FloatArray:
-        """Unproject pixel coordinates at a depth to view-space points ``(..., 3)``; inverse of `view_to_pixel`."""
+        """Unproject pixel coordinates at a depth to view space ``(..., 3)``; inverse of `view_to_pixel`."""
         scale = 1.0 if self.is_orthographic else depth
         x = (x_px - self.cx) / self.fx * scale
         y = (self.cy - y_px) / self.fy * scale

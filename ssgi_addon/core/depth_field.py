@@ -32,8 +32,8 @@ class DepthField:
         Pixels without a surface; rays pass them.
     front, gradient_x, gradient_y, slab, reach : (H*W,) float32
         Front plane q = front + gradient_x * dx + gradient_y * dy at an offset (dx, dy) px from the pixel's
-        centre (-inf on background, which is behind every ray), extent of the slab behind it in q, and how deep a ray may enter it between two pixels and
-        still count as meeting the front.
+        centre (-inf on background, which is behind every ray), extent of the slab behind it in q, and how
+        deep a ray may enter it between two pixels and still count as meeting the front.
     normal : (H*W, 3) float32
         View-space shading normals.
     atlas_nearest, atlas_farthest : flat float32
@@ -69,10 +69,12 @@ class DepthField:
     @property
     def levels(self) -> int:
         """Number of pyramid levels, at least 1."""
-        return self.origins.shape[0]
+        return int(self.origins.shape[0])
 
     @classmethod
-    def build(cls, gbuffer: GBuffer, camera: Camera, thickness: float, *, max_level: int = MAX_LEVEL) -> DepthField:
+    def build(
+        cls, gbuffer: GBuffer, camera: Camera, thickness: float, *, max_level: int = MAX_LEVEL
+    ) -> DepthField:
         """Derive slabs and pyramid from a G-buffer.
 
         Parameters
@@ -93,7 +95,9 @@ class DepthField:
         """
         height, width = gbuffer.shape
         if (camera.height, camera.width) != (height, width):
-            raise ValueError(f"camera: expected {width}x{height} as the G-buffer, got {camera.width}x{camera.height}")
+            raise ValueError(
+                f"camera: expected {width}x{height} as the G-buffer, got {camera.width}x{camera.height}"
+            )
         is_background = gbuffer.is_background
         q, q_end = _q_of_depth(gbuffer.depth, is_background, camera)
         gradient_x, gradient_y = _patch_gradients(gbuffer, camera, q, is_background)
@@ -147,19 +151,16 @@ def _patch_gradients(
     height, width = q.shape
     normal = gbuffer.normal
     nx, ny, nz = normal[..., 0], normal[..., 1], normal[..., 2]
-    if camera.is_orthographic:
-        denominator = nz
-    else:
+    denominator: FloatArray = nz
+    if not camera.is_orthographic:
         x_px = np.arange(width, dtype=q.dtype) + 0.5
         y_px = np.arange(height, dtype=q.dtype)[:, None] + 0.5
         # n . P0 / depth0, with P0 / depth0 = ((x - cx) / fx, (cy - y) / fy, -1)
         denominator = nx * ((x_px - camera.cx) / camera.fx) + ny * ((camera.cy - y_px) / camera.fy) - nz
     with np.errstate(divide="ignore", invalid="ignore"):
         scale = -1.0 / denominator if camera.is_orthographic else q / denominator
-        gx = nx * scale / camera.fx
-        gy = -ny * scale / camera.fy
-    gx = _limit_to_neighbours(gx, q, axis=1)
-    gy = _limit_to_neighbours(gy, q, axis=0)
+        gx = _limit_to_neighbours(nx * scale / camera.fx, q, axis=1)
+        gy = _limit_to_neighbours(-ny * scale / camera.fy, q, axis=0)
     gx[is_background] = 0.0
     gy[is_background] = 0.0
     return gx, gy

@@ -102,6 +102,7 @@ def sample_hemispheres(
         samples.hit[:, where] = answers.texel.reshape(rays, -1)
         status = answers.status
         radiance = source.take(answers.texel, axis=0)
+        samples.bounce[where] = radiance.reshape(rays, -1, 3).mean(axis=0)
         if environment is not None:
             is_lit = status == tracer.ESCAPED
             if unknown_sees_sky:
@@ -110,13 +111,11 @@ def sample_hemispheres(
             sky = np.zeros_like(radiance)
             sky[lit] = environment.radiance(*direction.take(lit, axis=1))
             samples.environment[where] = sky.reshape(rays, -1, 3).mean(axis=0)
-        else:
-            sky = 0.0
-        samples.bounce[where] = radiance.reshape(rays, -1, 3).mean(axis=0)
         samples.known[where] = (status >= tracer.ESCAPED).reshape(rays, -1).mean(axis=0)
         is_open = (status == tracer.ESCAPED) | (status == tracer.UNKNOWN)
         samples.visibility[where] = is_open.reshape(rays, -1).mean(axis=0)
-        samples.variance[where] = _variance_of_mean(luminance(radiance + sky).reshape(rays, -1))
+        brightness = luminance(radiance if environment is None else radiance + sky)
+        samples.variance[where] = _variance_of_mean(brightness.reshape(rays, -1))
 
     per_chunk = max(1, parallel.RAYS_PER_TASK // rays)
     chunks = parallel.split(np.arange(count), per_chunk)
@@ -125,7 +124,7 @@ def sample_hemispheres(
 
 
 def gather_bounce(samples: HemisphereSamples, handed_on: FloatArray, threads: int | None) -> FloatArray:
-    """Return the mean over each pixel's cached hits ``(P, 3)`` of what the texels hand on, ``(texels + 1, 3)``."""
+    """Return the mean ``(P, 3)`` over each pixel's hits of what texels hand on, ``(texels + 1, 3)``."""
     bounce = np.empty_like(samples.bounce)
     rays = samples.hit.shape[0]
 
@@ -143,7 +142,8 @@ def gather_bounce(samples: HemisphereSamples, handed_on: FloatArray, threads: in
 def _variance_of_mean(values: FloatArray) -> FloatArray:
     """Return the variance ``(N,)`` of the mean of ``(rays, N)`` values."""
     rays = values.shape[0]
-    mean = values.mean(axis=0)
+    mean: FloatArray = values.mean(axis=0)
     if rays == 1:
         return mean * mean  # nothing is known of it: as large as the value
-    return np.maximum((values * values).mean(axis=0) - mean * mean, 0.0) / (rays - 1)
+    spread: FloatArray = (values * values).mean(axis=0) - mean * mean
+    return np.maximum(spread, 0.0) / (rays - 1)

@@ -65,7 +65,9 @@ class Environment:
             raise ValueError(f"image: expected shape (H, W, 3), got {shape}")
         rotation = np.asarray(world_from_view, dtype=np.float64)
         if rotation.shape not in ((3, 3), (4, 4)) or not np.isfinite(rotation).all():
-            raise ValueError(f"world_from_view: expected a finite (3, 3) or (4, 4) matrix, got shape {rotation.shape}")
+            raise ValueError(
+                f"world_from_view: expected a finite (3, 3) or (4, 4) matrix, got shape {rotation.shape}"
+            )
         return cls(_clean_light(_as_float32("image", image, shape)), rotation[:3, :3].copy())
 
     @property
@@ -94,4 +96,5 @@ class Environment:
         texels = self.image.reshape(-1, 3)
         upper = texels.take(y0 * width + x0, axis=0) * (1.0 - tx) + texels.take(y0 * width + x1, axis=0) * tx
         lower = texels.take(y1 * width + x0, axis=0) * (1.0 - tx) + texels.take(y1 * width + x1, axis=0) * tx
-        return upper * (1.0 - ty) + lower * ty
+        radiance: FloatArray = upper * (1.0 - ty) + lower * ty
+        return radiance

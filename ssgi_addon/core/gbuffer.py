@@ -86,7 +86,9 @@ class GBuffer:
             if not isinstance(self.behind, GBuffer):
                 raise ValueError(f"behind: expected a GBuffer, got {type(self.behind).__name__}")
             if self.behind.depth.shape != shape:
-                raise ValueError(f"behind: expected a GBuffer of shape {shape}, got {self.behind.depth.shape}")
+                raise ValueError(
+                    f"behind: expected a GBuffer of shape {shape}, got {self.behind.depth.shape}"
+                )
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -58,10 +58,13 @@ def composite(gbuffer: GBuffer, light: IndirectLight) -> FloatArray:
         If the two differ in size.
     """
     if light.diffuse.shape != gbuffer.direct.shape:
-        raise ValueError(f"light: expected the G-buffer's shape {gbuffer.direct.shape}, got {light.diffuse.shape}")
+        raise ValueError(
+            f"light: expected the G-buffer's shape {gbuffer.direct.shape}, got {light.diffuse.shape}"
+        )
     return gbuffer.direct + gbuffer.albedo * light.diffuse + gbuffer.specular * light.glossy
 
 
 def luminance(rgb: FloatArray) -> FloatArray:
     """Return Rec. 709 luminance ``(...)`` of scene-linear RGB ``(..., 3)``."""
-    return 0.2126 * rgb[..., 0] + 0.7152 * rgb[..., 1] + 0.0722 * rgb[..., 2]
+    value: FloatArray = 0.2126 * rgb[..., 0] + 0.7152 * rgb[..., 1] + 0.0722 * rgb[..., 2]
+    return value

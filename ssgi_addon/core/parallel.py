@@ -40,10 +40,10 @@ def run_chunks(
     """
     workers = min(thread_count(threads), len(chunks))
     if workers <= 1:
-        for done, chunk in enumerate(chunks, start=1):
+        for count, chunk in enumerate(chunks, start=1):
             work(chunk)
             if advance is not None:
-                advance(done / len(chunks))
+                advance(count / len(chunks))
         return
     with ThreadPoolExecutor(workers, thread_name_prefix="ssgi") as pool:
         pending = {pool.submit(work, chunk) for chunk in chunks}

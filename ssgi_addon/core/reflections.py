@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stochastic screen-space reflections.
 
-After Stachowiak and Uludag 2015, "Stochastic Screen-Space Reflections": GGX visible-normal sampling, one exact
-ray for mirrors. The estimate is Σ w L / Σ w with w = f cos / pdf, so that its normalisation is the
+After Stachowiak and Uludag 2015, "Stochastic Screen-Space Reflections": GGX visible-normal sampling, one
+exact ray for mirrors. The estimate is Σ w L / Σ w with w = f cos / pdf, so that its normalisation is the
 lobe's own integral; rays without an answer keep their weight.
 """
 

@@ -35,10 +35,11 @@ def sample_square(pixel: IntArray, rays: int, seed: int, dtype: np.dtype) -> tup
     independent.
     """
     index = np.arange(rays, dtype=np.uint64)[:, None]
-    u = (hash_pixels(pixel, 2 * seed) + (index * _R2_STEP_U & 0xFFFFFFFF).astype(np.uint32)) >> np.uint32(8)
-    v = (hash_pixels(pixel, 2 * seed + 1) + (index * _R2_STEP_V & 0xFFFFFFFF).astype(np.uint32)) >> np.uint32(8)
+    steps = [(index * step & 0xFFFFFFFF).astype(np.uint32) for step in (_R2_STEP_U, _R2_STEP_V)]
+    u = hash_pixels(pixel, 2 * seed) + steps[0]
+    v = hash_pixels(pixel, 2 * seed + 1) + steps[1]
     # 24 bits fit a float32 exactly, so neither point ever rounds up to 1.
-    return u.astype(dtype) * 2.0**-24, v.astype(dtype) * 2.0**-24
+    return (u >> np.uint32(8)).astype(dtype) * 2.0**-24, (v >> np.uint32(8)).astype(dtype) * 2.0**-24
 
 
 def tangent_frame(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -64,7 +65,12 @@ def cosine_directions(u: FloatArray, v: FloatArray, normal: FloatArray) -> Float
 
 
 def to_frame(
-    x: FloatArray, y: FloatArray, z: FloatArray, tangent: FloatArray, bitangent: FloatArray, normal: FloatArray
+    x: FloatArray,
+    y: FloatArray,
+    z: FloatArray,
+    tangent: FloatArray,
+    bitangent: FloatArray,
+    normal: FloatArray,
 ) -> FloatArray:
     """Return local vectors (x, y, z), each ``(rays, N)``, in the space of the basis, ``(3, rays, N)``."""
     return np.stack([x * tangent[i] + y * bitangent[i] + z * normal[i] for i in range(3)])

@@ -67,7 +67,13 @@ class TraceScene:
     """
 
     def __init__(
-        self, gbuffer: GBuffer, camera: Camera, views: Sequence[View], settings: Settings, *, max_level: int = MAX_LEVEL
+        self,
+        gbuffer: GBuffer,
+        camera: Camera,
+        views: Sequence[View],
+        settings: Settings,
+        *,
+        max_level: int = MAX_LEVEL,
     ) -> None:
         self.max_distance = settings.max_distance
         self.views: list[_PlacedView] = []
@@ -77,7 +83,9 @@ class TraceScene:
             layer: GBuffer | None = front
             while layer is not None:
                 placed.layers.append(layer)
-                placed.fields.append(DepthField.build(layer, view_camera, settings.thickness, max_level=max_level))
+                placed.fields.append(
+                    DepthField.build(layer, view_camera, settings.thickness, max_level=max_level)
+                )
                 placed.offsets.append(self.texels)
                 self.texels += layer.depth.size
                 layer = layer.behind
@@ -116,7 +124,9 @@ class TraceScene:
         onward = np.flatnonzero((status == tracer.UNKNOWN) & np.isfinite(distance))
         if len(self.views) > 1 and onward.size:
             begin = distance.take(onward)
-            found = self._through_others(home, origin_vs.take(onward, axis=1), direction_vs.take(onward, axis=1), begin)
+            found = self._through_others(
+                home, origin_vs.take(onward, axis=1), direction_vs.take(onward, axis=1), begin
+            )
             status[onward], texel[onward] = found
         return Answers(status, texel)
 
@@ -145,7 +155,9 @@ class TraceScene:
 
     def _moves(self, home: int, other: int) -> FloatArray:
         """Return the (4, 4) transform from one view's space to another's."""
-        return np.linalg.inv(self.views[other].camera.world_from_view) @ self.views[home].camera.world_from_view
+        return (
+            np.linalg.inv(self.views[other].camera.world_from_view) @ self.views[home].camera.world_from_view
+        )
 
     def _through_layers(
         self, index: int, origin: FloatArray, direction: FloatArray, begin: FloatArray | None
@@ -176,7 +188,12 @@ class TraceScene:
         return status, np.where(is_hit, texel, self.texels), distance
 
     def _through_field(
-        self, view: _PlacedView, layer: int, origin: FloatArray, direction: FloatArray, begin: FloatArray | None
+        self,
+        view: _PlacedView,
+        layer: int,
+        origin: FloatArray,
+        direction: FloatArray,
+        begin: FloatArray | None,
     ) -> tracer.TraceResult:
         field = view.fields[layer]
         if begin is None:
@@ -201,7 +218,7 @@ class TraceScene:
 def _in_front_of_camera(
     view: _PlacedView, origin: FloatArray, direction: FloatArray, begin: FloatArray
 ) -> FloatArray:
-    """Return the distances from which rays lie in front of a view's camera, `begin` at the least; +inf for never."""
+    """Return from which distance rays lie in front of a view's camera: at least `begin`, +inf for never."""
     if view.camera.is_orthographic:
         return begin
     near = 0.5 * view.nearest_depth

@@ -25,8 +25,8 @@ class TraceResult:
     pixel : (N,) int64
         Flat index of the pixel that was hit or that blocked the ray; -1 where there is none.
     distance : (N,) float32
-        How far the ray was followed, in units of its direction's length: to the hit, to what blocked it, or to
-        where it left the frame or reached its largest distance; +inf for rays that vanish.
+        How far the ray was followed, in units of its direction's length: to the hit, to what blocked it, or
+        to where it left the frame or reached its largest distance; +inf for rays that vanish.
     """
 
     status: np.ndarray
@@ -37,7 +37,9 @@ class TraceResult:
     def empty(cls, count: int, dtype: np.dtype) -> TraceResult:
         """Return a result in which no ray has been followed."""
         return cls(
-            np.zeros(count, dtype=np.int8), np.full(count, -1, dtype=np.int64), np.full(count, np.inf, dtype=dtype)
+            np.zeros(count, dtype=np.int8),
+            np.full(count, -1, dtype=np.int64),
+            np.full(count, np.inf, dtype=dtype),
         )
 
 
@@ -57,7 +59,10 @@ class ScreenRays:
 
 
 def project_rays(
-    field: DepthField, origin_vs: FloatArray, direction_vs: FloatArray, max_distance: float | FloatArray = np.inf
+    field: DepthField,
+    origin_vs: FloatArray,
+    direction_vs: FloatArray,
+    max_distance: float | FloatArray = np.inf,
 ) -> ScreenRays:
     """Express view-space rays as lines in (x, y, q).
 

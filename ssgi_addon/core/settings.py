@@ -41,7 +41,8 @@ def _validate(settings: Any) -> None:
     for item in fields(settings):
         if not item.metadata:
             continue
-        name, value, rule = f"{type(settings).__name__}.{item.name}", getattr(settings, item.name), item.metadata
+        name, rule = f"{type(settings).__name__}.{item.name}", item.metadata
+        value = getattr(settings, item.name)
         if rule["choices"] is not None:
             if value not in rule["choices"]:
                 raise ValueError(f"{name}: expected one of {', '.join(rule['choices'])}, got {value!r}")
@@ -52,7 +53,8 @@ def _validate(settings: Any) -> None:
             if item.default is not None:
                 raise ValueError(f"{name}: expected a number, got None")
         else:
-            _validate_number(name, value, rule, is_integer=isinstance(item.default, int) or item.default is None)
+            is_integer = isinstance(item.default, int) or item.default is None
+            _validate_number(name, value, rule, is_integer=is_integer)
 
 
 def _validate_number(name: str, value: Any, rule: Any, *, is_integer: bool) -> None:
@@ -77,7 +79,13 @@ class ReflectionSettings:
         choices=("linear", "hierarchical"),
     )
     rays: int = option(
-        2, "Reflection rays per pixel; mirrors always take one exact ray", label="Rays", unit="rays/pixel", min=1, max=4096, soft_max=64
+        2,
+        "Reflection rays per pixel; mirrors always take one exact ray",
+        label="Rays",
+        unit="rays/pixel",
+        min=1,
+        max=4096,
+        soft_max=64,
     )
     filter: bool = option(
         True, "Smooth the noise of rough reflections along surfaces; mirrors stay untouched", label="Denoise"
@@ -99,11 +107,18 @@ class DiffuseSettings:
         choices=("hemisphere",),
     )
     rays: int = option(
-        8, "Directions over the hemisphere per pixel", label="Rays", unit="rays/pixel", min=1, max=4096, soft_max=128
+        8,
+        "Directions over the hemisphere per pixel",
+        label="Rays",
+        unit="rays/pixel",
+        min=1,
+        max=4096,
+        soft_max=128,
     )
     bounces: int = option(
         6,
-        "How often light is reflected before it reaches the visible surface; 1 is light that was reflected once",
+        "How often light is reflected before it reaches the visible surface; "
+        "1 is light that was reflected once",
         label="Bounces",
         min=1,
         max=64,
@@ -123,7 +138,8 @@ class Settings:
     diffuse: DiffuseSettings = field(default_factory=DiffuseSettings)
     unknown: str = option(
         "environment",
-        "What a sample brings that the frame cannot answer: the environment's light, nothing, or the mean of the answered ones",
+        "What a sample brings that the frame cannot answer: the environment's light, nothing, "
+        "or the mean of the answered ones",
         label="Unknown",
         choices=("environment", "nothing", "mean"),
     )
@@ -141,7 +157,11 @@ class Settings:
     )
     seed: int = option(0, "Seed of the sampling pattern", label="Seed", min=0, max=2**31 - 1)
     threads: int | None = option(
-        None, "Worker threads; empty means all cores. Never changes a result", label="Threads", min=1, max=1024
+        None,
+        "Worker threads; empty means all cores. Never changes a result",
+        label="Threads",
+        min=1,
+        max=1024,
     )
 
     def __post_init__(self) -> None:

@@ -2,7 +2,8 @@
 """Rays through a depth field: which surface does each one meet?
 
 A ray is a straight line in (x, y, q). It walks the level-0 cells that it crosses, without the origin's own.
-With h = q_ray - q_front inside a cell (linear, like both terms), and the slab reaching `slab` behind the front:
+With h = q_ray - q_front inside a cell (linear, like both terms), and the slab reaching `slab` behind the
+front:
 
 - h > 0 on entry, h <= 0 on exit: it meets the front from outside. Facing it: HIT at the crossing.
 - -slab <= h <= 0 on entry: it is inside. No deeper than `reach` (the step between two pixels of one
@@ -27,7 +28,6 @@ from .types import FloatArray
 from .walk import Walk
 
 __all__ = ["BLOCKED", "ESCAPED", "HIT", "UNKNOWN", "TraceResult", "trace_rays"]
-
 
 
 def trace_rays(

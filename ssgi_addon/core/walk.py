@@ -11,7 +11,7 @@ from .types import BoolArray, FloatArray, IntArray
 
 # Rays that walk at once: fewer waste time on calls, more fall out of the cache.
 CAPACITY = 262144
-# Ended rays are dropped, and waiting ones let in, once they are this fraction: it costs about a third of a step.
+# Ended rays are dropped, and waiting ones let in, once they are this fraction: that costs a third of a step.
 _REFILL_FRACTION = 0.125
 _SELF_CONTACT_PX = 2
 # A ray straight at the camera never leaves its cell: any finite end does, and keeps 0 * inf out.
@@ -102,7 +102,8 @@ class Walk:
         """Drop the rays that have ended, and let waiting ones in."""
         s_end = self.state[_S_END]
         kept = np.flatnonzero(s_end == s_end)
-        self.state, self.id, self.slot = self.state.take(kept, axis=1), self.id.take(kept), self.slot.take(kept)
+        self.state = self.state.take(kept, axis=1)
+        self.id, self.slot = self.id.take(kept), self.slot.take(kept)
         self.ended = 0
         room = self.scratch.shape[1] - kept.shape[0]
         if self.waiting.shape[0] and room:
@@ -119,7 +120,8 @@ class Walk:
         state = np.empty((_ROWS, ids.shape[0]), dtype=self.state.dtype)
         for row, component in zip((0, 1, _Q0, 3, 4, _VQ), (*rays.start, *rays.velocity), strict=True):
             component.take(ids, out=state[row], mode="clip")
-        start, speed, inverse, cell, s = state[_START], state[_SPEED], state[_INVERSE], state[_CELL], state[_S]
+        start, speed, inverse = state[_START], state[_SPEED], state[_INVERSE]
+        cell, s = state[_CELL], state[_S]
         is_mirrored = speed < 0.0
         state[_SIGN] = 1.0 - 2.0 * is_mirrored
         slot = (is_mirrored[0] + 2 * is_mirrored[1]) * np.int64(field.levels)
@@ -150,7 +152,8 @@ class Walk:
     def _step(self) -> None:
         """Test every ray against its cell, then skip the cell, look into it, or descend."""
         count = self.id.shape[0]
-        border, s_border, s_out = self.scratch[0:2, :count], self.scratch[2:4, :count], self.scratch[4, :count]
+        border, s_border = self.scratch[0:2, :count], self.scratch[2:4, :count]
+        s_out = self.scratch[4, :count]
         is_clear, is_leaf, flag = self.masks[0:3, :count]
         moves = self.masks[3:5, :count]
         # Find where the ray leaves the cell
@@ -271,7 +274,8 @@ class Walk:
         s_met = np.where(crosses, s_in - h_in / dh, s_in)
         if self.starts_on_surface:
             stops = np.flatnonzero(faces | ~self._near_origin(state.take(met, axis=1)))
-            ray, s_met, is_hit, pixel = ray.take(stops), s_met.take(stops), is_hit.take(stops), pixel.take(stops)
+            ray, s_met = ray.take(stops), s_met.take(stops)
+            is_hit, pixel = is_hit.take(stops), pixel.take(stops)
         ids = self.id.take(ray)
         self.result.status[ids] = np.where(is_hit, HIT, BLOCKED)
         self.result.pixel[ids] = pixel
@@ -279,35 +283,41 @@ class Walk:
         return ray
 
     def _pixel(self, cell: FloatArray, sign: FloatArray) -> IntArray:
-        """Return flat pixel indices of mirrored level-0 cells ``(2, N)``; rounding at the border stays in the frame."""
+        """Return flat pixel indices of mirrored level-0 cells ``(2, N)``; rounding never leaves the frame."""
         field = self.field
         width, height = field.camera.width, field.camera.height
         x, y = np.where(sign < 0.0, self.padded - 1.0 - cell, cell).astype(np.int64)
-        return np.minimum(np.maximum(y, 0), height - 1) * width + np.minimum(np.maximum(x, 0), width - 1)
+        x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
+        pixel: IntArray = y * width + x
+        return pixel
 
     def _facing(self, pixel: IntArray, ids: IntArray) -> FloatArray:
         """Return n . D: negative where the ray comes toward the surface's front."""
         normal = self.field.normal.take(pixel, axis=0)
         dx, dy, dz = (component.take(ids) for component in self.direction_vs)
-        return normal[:, 0] * dx + normal[:, 1] * dy + normal[:, 2] * dz
+        cosine: FloatArray = normal[:, 0] * dx + normal[:, 1] * dy + normal[:, 2] * dz
+        return cosine
 
     @staticmethod
     def _near_origin(state: FloatArray) -> BoolArray:
         away = np.abs(state[_CELL] - np.floor(state[_START]))
-        return np.maximum(away[0], away[1]) <= _SELF_CONTACT_PX
+        is_near: BoolArray = np.maximum(away[0], away[1]) <= _SELF_CONTACT_PX
+        return is_near
 
     def _distance(self, state: FloatArray, ray: IntArray, s: FloatArray) -> FloatArray:
         """Convert s back to distance: t = s / q(s), orthographic t = s."""
         if self.field.camera.is_orthographic:
             return s
-        return s / (state[_Q0].take(ray) + state[_VQ].take(ray) * s)
+        distance: FloatArray = s / (state[_Q0].take(ray) + state[_VQ].take(ray) * s)
+        return distance
 
     def _finish(self, ids: IntArray, state: FloatArray, over: IntArray) -> None:
-        """Rays that end at their vanishing point escape if they are over background; all others stay UNKNOWN."""
+        """Let rays that end at their vanishing point over background escape; all others stay UNKNOWN."""
         s_end = state[_S_END].take(over)
         vanishes = s_end == self.rays.s_vanish.take(ids.take(over))
         left = np.flatnonzero(~vanishes)
-        self.result.distance[ids.take(over.take(left))] = self._distance(state, over.take(left), s_end.take(left))
+        distance = self._distance(state, over.take(left), s_end.take(left))
+        self.result.distance[ids.take(over.take(left))] = distance
         over = over[vanishes]
         last = state.take(over, axis=1)
         pixel = self._pixel(np.floor(last[_START] + last[_SPEED] * last[_S_END]), last[_SIGN])
