@@ -4,7 +4,8 @@
 After Dammertz et al. 2010, "Edge-Avoiding À-Trous Wavelet Transform for fast Global Illumination Filtering",
 with the variance guidance of Schied et al. 2017, "Spatiotemporal Variance-Guided Filtering" (section 4.4):
 neighbours count by distance from the pixel's tangent plane, by normal, and by luminance difference in units
-of the estimated noise, so that contact shadows stay where the noise does not explain them.
+of the estimated noise, so that contact shadows stay where the noise does not explain them. The first passes
+leave luminance out: single pixels of few rays are too far apart to be told from an edge.
 """
 
 from __future__ import annotations
@@ -21,7 +22,12 @@ from .types import FloatArray, IntArray
 # A neighbour one pixel's footprint times this off the tangent plane no longer counts.
 _PLANE_WIDTH = 1.0
 _NORMAL_POWER = 32
+# Luminance differences count in units of this many standard deviations.
 _LUMINANCE_WIDTH = 4.0
+# Passes that leave luminance out.
+_GEOMETRIC_LEVELS = 3
+# The variance of a pixel's few rays says nothing alone; over this radius it does. Pixels.
+_NOISE_RADIUS = 3
 _TAPS = [(dy, dx, (2 - abs(dy)) * (2 - abs(dx)) / 4.0) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dx or dy]
 
 
@@ -64,7 +70,7 @@ def filter_light(
     for level in range(int(levels.max(initial=0))):
         smooth = np.empty_like(signal)
         remaining = np.empty_like(variance)
-        noise = _blur3(variance)
+        noise = None if level < _GEOMETRIC_LEVELS else _local_mean(variance)
         is_active = (levels > level) & ~is_background
 
         def work(rows: IntArray, signal=signal, variance=variance, smooth=smooth, remaining=remaining, noise=noise,
@@ -80,7 +86,7 @@ def filter_light(
 def _filter_rows(
     signal: FloatArray,
     variance: FloatArray,
-    noise: FloatArray,
+    noise: FloatArray | None,
     guide: tuple[FloatArray, FloatArray, FloatArray],
     is_active: FloatArray,
     band: slice,
@@ -91,7 +97,8 @@ def _filter_rows(
     position, normal, per_footprint = guide
     centre_signal = signal[band]
     brightness = luminance(signal[..., :3])
-    inverse_noise = 1.0 / (_LUMINANCE_WIDTH * np.sqrt(noise[band]) + 1e-6 * brightness[band] + 1e-20)
+    if noise is not None:
+        inverse_noise = 1.0 / (_LUMINANCE_WIDTH * np.sqrt(noise[band]) + 1e-6 * brightness[band] + 1e-20)
     total = np.ones_like(variance[band])
     value = centre_signal.copy()
     squared = variance[band].copy()
@@ -109,9 +116,11 @@ def _filter_rows(
             off_plane += (position[axis][there] - position[axis][here]) * normal[axis][here]
             aligned += normal[axis][there] * normal[axis][here]
         distance = np.abs(off_plane) * per_footprint[here] * (1.0 / (_PLANE_WIDTH * step))
-        contrast = np.abs(brightness[there] - brightness[here]) * inverse_noise[inner]
         weight = kernel * np.maximum(aligned, 0.0) ** _NORMAL_POWER
-        weight *= np.maximum(1.0 - distance, 0.0) * np.maximum(1.0 - contrast, 0.0)
+        weight *= np.maximum(1.0 - distance, 0.0)
+        if noise is not None:
+            contrast = np.abs(brightness[there] - brightness[here]) * inverse_noise[inner]
+            weight *= np.maximum(1.0 - contrast, 0.0)
         weight *= is_active[here] & is_active[there]
         total[inner] += weight
         value[inner] += weight[..., None] * signal[there]
@@ -120,8 +129,9 @@ def _filter_rows(
     return value * inverse[..., None], squared * inverse * inverse
 
 
-def _blur3(image: FloatArray) -> FloatArray:
-    """Return a 3 x 3 binomial blur: single variances are too noisy to trust."""
-    padded = np.pad(image, 1, mode="edge")
-    rows = padded[:-2] + 2.0 * padded[1:-1] + padded[2:]
-    return (rows[:, :-2] + 2.0 * rows[:, 1:-1] + rows[:, 2:]) * (1.0 / 16.0)
+def _local_mean(image: FloatArray) -> FloatArray:
+    """Return the mean over squares of ``2 * _NOISE_RADIUS + 1`` pixels, edges repeated."""
+    side = 2 * _NOISE_RADIUS + 1
+    padded = np.pad(image, _NOISE_RADIUS, mode="edge")
+    rows = sum(padded[shift : shift + image.shape[0]] for shift in range(side))
+    return sum(rows[:, shift : shift + image.shape[1]] for shift in range(side)) * (1.0 / (side * side))

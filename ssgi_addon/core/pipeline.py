@@ -22,7 +22,7 @@ from .types import FloatArray, IntArray
 
 # Colours below this change no pixel of an 8-bit picture, whatever light they receive within its range.
 _BLACK = 1e-4
-_DIFFUSE_LEVELS = 3
+_DIFFUSE_LEVELS = 4
 # Further views only light others: their noise is averaged by the rays that hit them.
 _MOST_VIEW_RAYS = 4
 # Bounces stop when one adds less than this fraction of the light so far.
@@ -313,4 +313,4 @@ def _image(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
 
 def _lobe_levels(roughness: FloatArray) -> IntArray:
     """Return how many filter passes a lobe takes: sharp reflections are blurred less than they are wide."""
-    return np.searchsorted([0.1, 0.2, 0.4], roughness, side="right").astype(np.int64)
+    return np.searchsorted([0.1, 0.2, 0.3, 0.5], roughness, side="right").astype(np.int64)
