@@ -146,4 +146,5 @@ def _variance_of_mean(values: FloatArray) -> FloatArray:
     if rays == 1:
         return mean * mean  # nothing is known of it: as large as the value
     spread: FloatArray = (values * values).mean(axis=0) - mean * mean
-    return np.maximum(spread, 0.0) / (rays - 1)
+    variance: FloatArray = np.maximum(spread, 0.0) / (rays - 1)
+    return variance
