@@ -4,16 +4,14 @@
 from __future__ import annotations
 
 import argparse
-import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, NoReturn
 
-import numpy as np
-
 from . import __version__
+from .arguments import frame_range, integer, resolution, whole_number
 from .bpy_module import require_bpy
 from .core import Settings
 from .core.metrics import KNOWN_ENOUGH, compare_images
@@ -24,12 +22,11 @@ from .heatmap import error_map
 from .passes import remembered_settings
 from .png import write_png
 from .progress import Progress
+from .results import apply_passes
 
 DEFAULT_PRESET = "balanced"
 DEFAULT_REFERENCE_SAMPLES = 64
 MOST_SAMPLES = 1 << 24
-LARGEST_SIDE = 65536
-MOST_FRAMES = 1_000_000
 
 DONE, FAILED, BAD_USAGE = 0, 1, 2
 
@@ -114,23 +111,23 @@ def _add_render(commands: Any, *, inside_blender: bool) -> None:
     )
     _add_settings(parser, default=DEFAULT_PRESET)
     parser.add_argument(
-        "--resolution", metavar="WxH", type=_resolution, help="size in pixels (default: the scene's)"
+        "--resolution", metavar="WxH", type=resolution, help="size in pixels (default: the scene's)"
     )
     parser.add_argument(
-        "--samples", metavar="N", type=_integer(1, MOST_SAMPLES), help="Cycles' samples of the direct light"
+        "--samples", metavar="N", type=integer(1, MOST_SAMPLES), help="Cycles' samples of the direct light"
     )
     frames = parser.add_mutually_exclusive_group()
     frames.add_argument(
-        "--frame", metavar="N", type=lambda text: (_number(text),), dest="frames", help="one frame"
+        "--frame", metavar="N", type=lambda text: (whole_number(text),), dest="frames", help="one frame"
     )
-    frames.add_argument("--frames", metavar="A-B[:STEP]", type=_frames, help="a range of frames")
+    frames.add_argument("--frames", metavar="A-B[:STEP]", type=frame_range, help="a range of frames")
     parser.add_argument(
         "--compare", action="store_true", help="also render the GI reference and measure the error"
     )
     parser.add_argument(
         "--reference-samples",
         metavar="N",
-        type=_integer(1, MOST_SAMPLES),
+        type=integer(1, MOST_SAMPLES),
         help=f"Cycles' samples of the reference (default: {DEFAULT_REFERENCE_SAMPLES})",
     )
     parser.add_argument("--passes", action="store_true", help="also keep the captured passes, for `apply`")
@@ -185,7 +182,7 @@ def _add_settings(parser: argparse.ArgumentParser, *, default: str | None) -> No
     parser.add_argument(
         "--rays",
         metavar="N",
-        type=_integer(int(lowest), int(highest)),
+        type=integer(int(lowest), int(highest)),
         help=f"{rules[0]['unit']}, diffuse and glossy each (default: the preset's)",
     )
 
@@ -230,8 +227,6 @@ def _render(arguments: argparse.Namespace, progress: Progress) -> None:
 
 
 def _apply(arguments: argparse.Namespace, progress: Progress) -> None:
-    from .results import apply_passes
-
     settings = _settings(arguments, remembered_settings(arguments.passes))
     apply_passes(arguments.passes, arguments.output, arguments.camera, settings, progress)
     progress.close()
@@ -287,47 +282,5 @@ def _print_metrics(rows: dict[str, dict[str, float | None]]) -> None:
     print(f"{'':14}" + "".join(f"{name:>12}" for name in names))
     for title, row in rows.items():
         values = (row.get(name) for name in names)
-        cells = (
-            "-" if value is None else np.format_float_positional(value, 4, fractional=False)
-            for value in values
-        )
+        cells = ("-" if value is None else f"{value:.4g}" for value in values)
         print(f"{title:14}" + "".join(f"{cell:>12}" for cell in cells))
-
-
-def _number(text: str) -> int:
-    try:
-        return int(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"expected a whole number, got {text!r}") from None
-
-
-def _integer(lowest: int, highest: int) -> Callable[[str], int]:
-    def parse(text: str) -> int:
-        value = _number(text)
-        if not lowest <= value <= highest:
-            raise argparse.ArgumentTypeError(f"expected {lowest} to {highest}, got {value}")
-        return value
-
-    return parse
-
-
-def _resolution(text: str) -> tuple[int, int]:
-    found = re.fullmatch(r"(\d+)[xX](\d+)", text)
-    if found is None:
-        raise argparse.ArgumentTypeError(f"expected WIDTHxHEIGHT, such as 960x540, got {text!r}")
-    width, height = int(found[1]), int(found[2])
-    if not (1 <= width <= LARGEST_SIDE and 1 <= height <= LARGEST_SIDE):
-        raise argparse.ArgumentTypeError(f"expected 1 to {LARGEST_SIDE} pixels a side, got {text!r}")
-    return width, height
-
-
-def _frames(text: str) -> tuple[int, ...]:
-    found = re.fullmatch(r"(-?\d+)-(-?\d+)(?::(\d+))?", text)
-    if found is None:
-        raise argparse.ArgumentTypeError(
-            f"expected FIRST-LAST or FIRST-LAST:STEP, such as 1-48:2, got {text!r}"
-        )
-    first, last, step = int(found[1]), int(found[2]), int(found[3] or 1)
-    if last < first or step < 1 or last - first >= MOST_FRAMES:
-        raise argparse.ArgumentTypeError(f"expected FIRST <= LAST and a STEP of 1 or more, got {text!r}")
-    return tuple(range(first, last + 1, step))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import ssgi_addon
-from ssgi_addon import bpy_module, cli, results
+from ssgi_addon import bpy_module, cli
 from ssgi_addon.bpy_module import explain_import_error, require_bpy
 from ssgi_addon.cli import main
 from ssgi_addon.core import Settings
@@ -64,7 +64,7 @@ def calls(monkeypatch):
     job = types.ModuleType(JOB)
     job.JobOptions, job.run_job, job.run_demo = FakeOptions, run_job, run_demo
     monkeypatch.setitem(sys.modules, JOB, job)
-    monkeypatch.setattr(results, "apply_passes", apply_passes)
+    monkeypatch.setattr(cli, "apply_passes", apply_passes)
     monkeypatch.setattr(cli, "require_bpy", lambda: None)
     return made
 

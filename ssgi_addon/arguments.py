@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What arguments of the command line mean; each function raises what argparse turns into bad usage."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Callable
+
+LARGEST_SIDE = 65536
+MOST_FRAMES = 1_000_000
+
+
+def whole_number(text: str) -> int:
+    """Read a whole number."""
+    try:
+        return int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected a whole number, got {text!r}") from None
+
+
+def integer(lowest: int, highest: int) -> Callable[[str], int]:
+    """Return a reader of whole numbers from `lowest` to `highest`."""
+
+    def parse(text: str) -> int:
+        value = whole_number(text)
+        if not lowest <= value <= highest:
+            raise argparse.ArgumentTypeError(f"expected {lowest} to {highest}, got {value}")
+        return value
+
+    return parse
+
+
+def resolution(text: str) -> tuple[int, int]:
+    """Read ``WxH``, pixels."""
+    found = re.fullmatch(r"(\d+)[xX](\d+)", text)
+    if found is None:
+        raise argparse.ArgumentTypeError(f"expected WIDTHxHEIGHT, such as 960x540, got {text!r}")
+    width, height = int(found[1]), int(found[2])
+    if not (1 <= width <= LARGEST_SIDE and 1 <= height <= LARGEST_SIDE):
+        raise argparse.ArgumentTypeError(f"expected 1 to {LARGEST_SIDE} pixels a side, got {text!r}")
+    return width, height
+
+
+def frame_range(text: str) -> tuple[int, ...]:
+    """Read ``A-B`` or ``A-B:STEP``; both ends count."""
+    found = re.fullmatch(r"(-?\d+)-(-?\d+)(?::(\d+))?", text)
+    if found is None:
+        raise argparse.ArgumentTypeError(
+            f"expected FIRST-LAST or FIRST-LAST:STEP, such as 1-48:2, got {text!r}"
+        )
+    first, last, step = int(found[1]), int(found[2]), int(found[3] or 1)
+    if last < first or step < 1 or last - first >= MOST_FRAMES:
+        raise argparse.ArgumentTypeError(f"expected FIRST <= LAST and a STEP of 1 or more, got {text!r}")
+    return tuple(range(first, last + 1, step))
