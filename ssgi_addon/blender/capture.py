@@ -14,7 +14,7 @@ from ..errors import SSGIError
 from ..frame import CapturedFrame
 from .capture_notes import capture_notes
 from .cycles_passes import RenderedPasses, render_passes
-from .gbuffer import LIGHT_PASSES, gbuffer_from_passes
+from .gbuffer import LIGHT_PASSES, OTHER_LIGHT_PASSES, gbuffer_from_passes
 from .render_settings import borrow_denoiser, borrow_passes, borrow_pixel_centers, borrow_scene
 from .restore import Restorer
 from .roughness import borrow_roughness
@@ -24,16 +24,7 @@ from .volumes import borrow_clear_air
 FloatArray = NDArray[np.float32]
 Progress = Callable[[float, str], None]
 
-_ALL_LIGHT_PASSES = (
-    *LIGHT_PASSES,
-    "Transmission Direct",
-    "Transmission Indirect",
-    "Transmission Color",
-    "Volume Direct",
-    "Volume Indirect",
-    "Emission",
-    "Environment",
-)
+_ALL_LIGHT_PASSES = (*LIGHT_PASSES, *OTHER_LIGHT_PASSES)
 
 
 @dataclass(frozen=True)
@@ -116,7 +107,7 @@ def capture_frame(
         report(0.3, "Direct light")
         light, is_denoised = _capture_light(scene, view_layer, options)
         notes = capture_notes(scene)
-        frame = _assemble(geometry, roughness, light, notes)
+        frame = _assemble(geometry, roughness, light, is_denoised, notes)
         if options.surround:
             frame = _add_surround(frame, scene, view_layer, options, report)
     if options.denoise and not is_denoised:
@@ -181,11 +172,15 @@ def _add_surround(
 
 
 def _assemble(
-    geometry: RenderedPasses, roughness: FloatArray, light: RenderedPasses, notes: tuple[str, ...]
+    geometry: RenderedPasses,
+    roughness: FloatArray,
+    light: RenderedPasses,
+    is_denoised: bool,
+    notes: tuple[str, ...],
 ) -> CapturedFrame:
     layers = {**light.layers, **{name: geometry.layers[name] for name in ("Depth", "Normal", "Position")}}
     return CapturedFrame(
-        gbuffer=gbuffer_from_passes(layers, roughness, geometry.camera),
+        gbuffer=gbuffer_from_passes(layers, roughness, geometry.camera, is_denoised=is_denoised),
         camera=geometry.camera,
         environment=None,
         engine="cycles",

@@ -15,9 +15,23 @@ FloatArray = NDArray[np.float32]
 
 GEOMETRY_PASSES = ("Depth", "Normal")
 LIGHT_PASSES = ("Combined", "Diffuse Direct", "Diffuse Color", "Glossy Direct", "Glossy Color")
+# The rest of what Combined holds, each with the colour that it is divided by.
+_OTHER_LIGHT = (
+    ("Transmission Direct", "Transmission Color"),
+    ("Transmission Indirect", "Transmission Color"),
+    ("Volume Direct", None),
+    ("Volume Indirect", None),
+    ("Emission", None),
+    ("Environment", None),
+)
+OTHER_LIGHT_PASSES = tuple(dict.fromkeys(name for pair in _OTHER_LIGHT for name in pair if name))
+# Where more of a pixel than this is other light, what is left of its denoised sum is the denoiser's error.
+_MOST_OTHER_LIGHT = 0.5
 
 
-def gbuffer_from_passes(layers: Mapping[str, FloatArray], roughness: FloatArray, camera: Camera) -> GBuffer:
+def gbuffer_from_passes(
+    layers: Mapping[str, FloatArray], roughness: FloatArray, camera: Camera, *, is_denoised: bool = False
+) -> GBuffer:
     """Combine geometry and light that were rendered without diffuse and glossy bounces.
 
     Parameters
@@ -29,6 +43,8 @@ def gbuffer_from_passes(layers: Mapping[str, FloatArray], roughness: FloatArray,
         Of the glossy lobe.
     camera
         That the passes were rendered with.
+    is_denoised
+        Combined is denoised, and `layers` holds `OTHER_LIGHT_PASSES` too: mirrors then show clean surfaces.
 
     Returns
     -------
@@ -37,6 +53,9 @@ def gbuffer_from_passes(layers: Mapping[str, FloatArray], roughness: FloatArray,
     """
     depth = layers["Depth"]
     source = layers["Diffuse Direct"] * layers["Diffuse Color"]
+    glossy_source = source + layers["Glossy Direct"] * layers["Glossy Color"]
+    if is_denoised:
+        glossy_source = _denoised_reflection(layers, glossy_source)
     return GBuffer(
         depth=np.where(depth < FARTHEST_SURFACE, depth, np.float32(np.inf)),
         normal=_world_to_view(layers["Normal"], camera),
@@ -45,8 +64,21 @@ def gbuffer_from_passes(layers: Mapping[str, FloatArray], roughness: FloatArray,
         roughness=roughness,
         direct=layers["Combined"],
         source=source,
-        glossy_source=source + layers["Glossy Direct"] * layers["Glossy Color"],
+        glossy_source=glossy_source,
     )
+
+
+def _denoised_reflection(layers: Mapping[str, FloatArray], reflected: FloatArray) -> FloatArray:
+    """Return the light that surfaces reflect, from the denoised sum of all light where that is most of it.
+
+    A mirror shows single pixels, so their noise shows; diffuse rays average it.
+    """
+    other = np.zeros_like(reflected)
+    for light, color in _OTHER_LIGHT:
+        other += layers[light] if color is None else layers[light] * layers[color]
+    combined = layers["Combined"]
+    is_clean = (other.sum(axis=-1) <= _MOST_OTHER_LIGHT * combined.sum(axis=-1))[..., None]
+    return np.where(is_clean, np.maximum(combined - other, 0.0), reflected)
 
 
 def _world_to_view(normal_ws: FloatArray, camera: Camera) -> FloatArray:
