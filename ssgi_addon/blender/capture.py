@@ -166,6 +166,7 @@ def _add_surround(
         surround_pose(frame.camera, nearest, scene.camera.data.clip_start),
         size=options.surround,
         samples=options.surround_samples,
+        denoise=options.denoise,
         progress=lambda fraction, text: report(0.7 + 0.3 * fraction, text),
     )
     return replace(frame, views=views, seconds={**frame.seconds, "surround": seconds})

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..core import Camera, GBuffer
 from .cycles_passes import render_passes
-from .gbuffer import GEOMETRY_PASSES, LIGHT_PASSES, gbuffer_from_passes
+from .gbuffer import GEOMETRY_PASSES, LIGHT_PASSES, OTHER_LIGHT_PASSES, gbuffer_from_passes
 from .render_settings import borrow_denoiser, borrow_framing, borrow_passes, borrow_pixel_centers
 from .restore import Restorer
 from .roughness import borrow_roughness
@@ -40,6 +40,7 @@ def capture_surround(
     *,
     size: int,
     samples: int,
+    denoise: bool = True,
     progress: Callable[[float, str], None] | None = None,
 ) -> tuple[tuple[View, ...], float]:
     """Render the six faces of a cube around a place, geometry and direct light in one render each.
@@ -59,7 +60,9 @@ def capture_surround(
     size
         Width and height of a face, pixels.
     samples
-        Cycles' samples of each pixel, all at its centre. Light is not denoised.
+        Cycles' samples of each pixel, all at its centre.
+    denoise
+        Denoise the light where this build of Blender has a denoiser.
     progress
         Called with a fraction and a text before each face; an exception from it ends the capture.
 
@@ -83,17 +86,23 @@ def capture_surround(
         borrow_framing(restorer, scene, (size, size))
         restorer.change(scene.cycles, samples=samples, diffuse_bounces=0, glossy_bounces=0)
         borrow_pixel_centers(restorer, scene)
-        borrow_denoiser(restorer, scene, view_layer, wanted=False)
+        # Mirrors show single pixels of the faces
+        is_denoised = borrow_denoiser(restorer, scene, view_layer, denoise)
         borrow_clear_air(restorer, view_layer)
         roughness = borrow_roughness(restorer, view_layer)
-        names = {*GEOMETRY_PASSES, *LIGHT_PASSES, *roughness.passes}
+        names = {*GEOMETRY_PASSES, *LIGHT_PASSES, *OTHER_LIGHT_PASSES, *roughness.passes}
         borrow_passes(restorer, view_layer, names)
         for index, (forward, up) in enumerate(FACES.values()):
             if progress is not None:
                 progress(index / len(FACES), "Surround")
             camera.matrix_world = Matrix(world_from_view @ _turn(forward, up))
             rendered = render_passes(scene, view_layer, names)
-            gbuffer = gbuffer_from_passes(rendered.layers, roughness.read(rendered.layers), rendered.camera)
+            gbuffer = gbuffer_from_passes(
+                rendered.layers,
+                roughness.read(rendered.layers),
+                rendered.camera,
+                is_denoised=is_denoised,
+            )
             views.append((gbuffer, rendered.camera))
     return tuple(views), time.perf_counter() - start
 

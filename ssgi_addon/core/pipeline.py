@@ -115,6 +115,7 @@ class _Run:
         self.visibility = np.ones(height * width, dtype=dtype)
         self.known_diffuse = np.ones_like(self.visibility)
         self.known_glossy = np.ones_like(self.visibility)
+        self.samples: dict[int, diffuse.HemisphereSamples] = {}  # by view
         self.skipped: list[tuple[str, str]] = []
         self.seconds: dict[str, float] = {}
         self.rays: dict[str, int] = {"diffuse": 0, "reflections": 0}
@@ -160,7 +161,7 @@ class _Run:
         if not pixels.size:
             return
         source = scene.table("diffuse_source")
-        samples = diffuse.sample_hemispheres(
+        samples = self.samples[0] = diffuse.sample_hemispheres(
             scene, 0, source, self.environment, settings, pixels,
             lambda fraction: self.report(0.05 + 0.5 * fraction, "Diffuse light"),
         )  # fmt: skip
@@ -168,46 +169,46 @@ class _Run:
         self.visibility[pixels] = samples.visibility
         self.known_diffuse[pixels] = samples.known
         self.environment_diffuse[pixels] = samples.environment
-        self.diffuse[pixels] = self._bounce(samples, source)
+        self.diffuse[pixels] = self._bounce(source)
         if settings.diffuse.filter:
             self._smooth_diffuse(samples)
 
-    def _sample_views(self, source: FloatArray) -> list[tuple[slice, diffuse.HemisphereSamples]]:
+    def _sample_views(self, source: FloatArray) -> None:
         """Sample the hemispheres of the further views: they have bounces of their own to hand on."""
         rays = min(self.settings.diffuse.rays, _MOST_VIEW_RAYS)
         settings = replace(self.settings, diffuse=replace(self.settings.diffuse, rays=rays))
-        found = []
         for home in range(1, len(self.scene.views)):
             front = self.scene.views[home].layers[0]
-            pixels = np.flatnonzero(front.albedo.reshape(-1, 3).max(axis=1) > _BLACK)
-            pixels = pixels[~front.is_background.reshape(-1).take(pixels)]
+            is_needed = ~front.is_background & (front.albedo.max(axis=-1) > _BLACK)
+            pixels = np.flatnonzero(is_needed)
             if pixels.size:
-                samples = diffuse.sample_hemispheres(self.scene, home, source, self.environment, settings, pixels)
-                found.append((self.scene.front_texels(home), samples))
+                self.samples[home] = diffuse.sample_hemispheres(
+                    self.scene, home, source, self.environment, settings, pixels
+                )
                 self.rays["views"] = self.rays.get("views", 0) + pixels.size * rays
-        return found
 
-    def _bounce(self, samples: diffuse.HemisphereSamples, source: FloatArray) -> FloatArray:
+    def _bounce(self, source: FloatArray) -> FloatArray:
         """Return the frame's light of all bounces, and keep that of all but the last in `earlier_bounces`."""
-        light = self._first_bounce(samples)
-        if self.settings.diffuse.bounces == 1:
-            return light
+        frame = self.samples[0]
+        lights = {0: self._first_bounce(frame)}
+        bounces = self.settings.diffuse.bounces
+        if bounces == 1:
+            return lights[0]
         albedo = self.scene.table("albedo")
-        views = self._sample_views(source)
-        lights = [self._first_bounce(part) for _, part in views]
-        for bounce in range(2, self.settings.diffuse.bounces + 1):
-            self.earlier_bounces[samples.pixel] = light
-            for (texels, part), part_light in zip(views, lights, strict=True):
-                self.earlier_bounces[texels][part.pixel] = part_light
+        self._sample_views(source)
+        lights = {home: self._first_bounce(samples) for home, samples in self.samples.items()}
+        for bounce in range(2, bounces + 1):
+            for home, samples in self.samples.items():
+                self.earlier_bounces[self.scene.front_texels(home)][samples.pixel] = lights[home]
             handed_on = source + albedo * self.earlier_bounces
-            brighter = self._next_bounce(samples, handed_on)
-            added = float((brighter - light).sum(dtype=np.float64))
-            light = brighter
-            if added <= _LEAST_BOUNCE * float(light.sum(dtype=np.float64)):
+            # The last bounce is only for the eye
+            homes = self.samples if bounce < bounces else (0,)
+            brighter = {home: self._next_bounce(self.samples[home], handed_on) for home in homes}
+            added = float((brighter[0] - lights[0]).sum(dtype=np.float64))
+            lights |= brighter
+            if added <= _LEAST_BOUNCE * float(lights[0].sum(dtype=np.float64)):
                 break
-            if bounce < self.settings.diffuse.bounces:
-                lights = [self._next_bounce(part, handed_on) for _, part in views]
-        return light
+        return lights[0]
 
     def _first_bounce(self, samples: diffuse.HemisphereSamples) -> FloatArray:
         return self._fill(samples.bounce + samples.environment, samples.known, samples.hit.shape[0])
@@ -230,23 +231,42 @@ class _Run:
         return answered + (1.0 - known)[:, None] * mean
 
     def _smooth_diffuse(self, samples: diffuse.HemisphereSamples) -> None:
-        height, width = self.gbuffer.shape
-        variance = np.zeros(height * width, dtype=self.diffuse.dtype)
-        variance[samples.pixel] = samples.variance
-        levels = np.zeros(height * width, dtype=np.int64)
-        levels[samples.pixel] = _DIFFUSE_LEVELS
         signal = np.concatenate([self.diffuse, self.environment_diffuse, self.visibility[:, None]], axis=1)
-        smooth = filter_light(
-            self.gbuffer, self.camera, signal.reshape(height, width, 7), variance.reshape(height, width),
-            levels.reshape(height, width), self.settings.threads,
-        ).reshape(-1, 7)  # fmt: skip
+        smooth = self._smooth(0, signal, samples.pixel, samples.variance, np.int64(_DIFFUSE_LEVELS))
         self.diffuse, self.environment_diffuse = smooth[:, :3].copy(), smooth[:, 3:6].copy()
         self.visibility = np.minimum(smooth[:, 6], 1.0)
+
+    def _smooth(
+        self, home: int, signal: FloatArray, pixel: IntArray, variance: FloatArray, levels: IntArray
+    ) -> FloatArray:
+        """Smooth a view's signal (pixels, C); variance and filter levels belong to the listed pixels."""
+        view = self.scene.views[home]
+        height, width = view.layers[0].shape
+        variances = np.zeros(height * width, dtype=signal.dtype)
+        variances[pixel] = variance
+        level_map = np.zeros(height * width, dtype=np.int64)
+        level_map[pixel] = levels
+        shape = (height, width)
+        smooth = filter_light(
+            view.layers[0], view.camera, signal.reshape(*shape, -1), variances.reshape(shape),
+            level_map.reshape(shape), self.settings.threads,
+        )  # fmt: skip
+        return smooth.reshape(height * width, -1)
+
+    def _smooth_earlier_bounces(self) -> None:
+        """Smooth what hits hand on to reflections: mirrors show single pixels of it."""
+        for home, samples in self.samples.items():
+            texels = self.scene.front_texels(home)
+            self.earlier_bounces[texels] = self._smooth(
+                home, self.earlier_bounces[texels], samples.pixel, samples.variance, np.int64(_DIFFUSE_LEVELS)
+            )
 
     def trace_reflections(self, pixels: IntArray) -> None:
         """Fill glossy and known_glossy."""
         if not pixels.size:
             return
+        if self.settings.diffuse.filter:
+            self._smooth_earlier_bounces()
         source = self.scene.table("reflection_source")
         source += self.scene.table("albedo") * self.earlier_bounces
         is_mirror = self.gbuffer.roughness.reshape(-1).take(pixels) < ggx.MIRROR_ROUGHNESS
@@ -264,13 +284,8 @@ class _Run:
             variance[part] = samples.variance
         rough = pixels[~is_mirror]
         if self.settings.reflections.filter and rough.size:
-            height, width = self.gbuffer.shape
-            levels = np.zeros(height * width, dtype=np.int64)
-            levels[rough] = _lobe_levels(self.gbuffer.roughness.reshape(-1).take(rough))
-            self.glossy = filter_light(
-                self.gbuffer, self.camera, self.glossy.reshape(height, width, 3), variance.reshape(height, width),
-                levels.reshape(height, width), self.settings.threads,
-            ).reshape(-1, 3)  # fmt: skip
+            levels = _lobe_levels(self.gbuffer.roughness.reshape(-1).take(rough))
+            self.glossy = self._smooth(0, self.glossy, rough, variance.take(rough), levels)
 
     def result(self) -> IndirectLight:
         height, width = self.gbuffer.shape
@@ -313,4 +328,4 @@ def _image(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
 
 def _lobe_levels(roughness: FloatArray) -> IntArray:
     """Return how many filter passes a lobe takes: sharp reflections are blurred less than they are wide."""
-    return np.searchsorted([0.1, 0.2, 0.3, 0.5], roughness, side="right").astype(np.int64)
+    return np.searchsorted([0.05, 0.12, 0.25, 0.45], roughness, side="right").astype(np.int64)

@@ -79,7 +79,7 @@ class ReflectionSettings:
         choices=("linear", "hierarchical"),
     )
     rays: int = option(
-        2,
+        4,
         "Reflection rays per pixel; mirrors always take one exact ray",
         label="Rays",
         unit="rays/pixel",
@@ -196,4 +196,4 @@ class Settings:
 
 
 # Diffuse rays, reflection rays, bounces.
-PRESETS = {"draft": (4, 1, 3), "balanced": (8, 2, 6), "final": (32, 8, 8)}
+PRESETS = {"draft": (4, 1, 3), "balanced": (8, 4, 6), "final": (32, 16, 8)}
