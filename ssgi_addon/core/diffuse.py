@@ -95,7 +95,7 @@ def sample_hemispheres(
     def work(slots: IntArray) -> None:
         part = pixel.take(slots)
         origin, normal = surface_points(gbuffer, camera, part)
-        u, v = sample_square(part, rays, settings.seed, dtype)
+        u, v = sample_square(part, camera.width, rays, settings.seed, dtype)
         direction = cosine_directions(u, v, normal).reshape(3, -1)
         answers = scene.answer(np.tile(origin, rays), direction, home)
         where = slice(slots[0], slots[-1] + 1)

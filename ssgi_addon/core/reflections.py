@@ -23,6 +23,8 @@ from .types import FloatArray, IntArray
 
 # A shading normal may turn away from the camera; the lobe is then that of a grazing view.
 _LEAST_VIEW_COSINE = 1e-3
+# Reflection rays have another shift of the sequence than diffuse rays.
+_SEED_OFFSET = 0x5351
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,9 +81,8 @@ def sample_lobes(
     def work(slots: IntArray) -> None:
         part = pixel.take(slots)
         origin, normal = surface_points(gbuffer, camera, part)
-        direction, weight = reflect(
-            normal, toward_camera(camera, origin), roughness.take(part), part, rays, settings.seed
-        )
+        u, v = sample_square(part, camera.width, rays, settings.seed + _SEED_OFFSET, dtype)
+        direction, weight = reflect(normal, toward_camera(camera, origin), roughness.take(part), u, v)
         direction = direction.reshape(3, -1)
         answers = scene.answer(np.tile(origin, rays), direction)
         radiance = source.take(answers.texel, axis=0)
@@ -112,7 +113,7 @@ def sample_lobes(
 
 
 def reflect(
-    normal: FloatArray, view: FloatArray, roughness: FloatArray, pixel: IntArray, rays: int, seed: int
+    normal: FloatArray, view: FloatArray, roughness: FloatArray, u: FloatArray, v: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Draw reflection directions about shading normals.
 
@@ -122,8 +123,8 @@ def reflect(
         Unit shading normals and unit vectors toward the camera.
     roughness : (N,)
         As on the Principled BSDF; below `ggx.MIRROR_ROUGHNESS` all rays are the mirror direction.
-    pixel : (N,)
-        Flat pixel indices that seed the samples.
+    u, v : (rays, N)
+        Sample points of [0, 1)².
 
     Returns
     -------
@@ -139,8 +140,6 @@ def reflect(
     scale /= np.sqrt(np.maximum(local[0] ** 2 + local[1] ** 2, 1e-20))
     local_view = np.stack([local[0] * scale, local[1] * scale, cosine_view])
     alpha = np.maximum(roughness * roughness, 1e-6)
-    # Other dimensions than those of the diffuse rays
-    u, v = sample_square(pixel, rays, seed + 0x5351, normal.dtype)
     hx, hy, hz = ggx.sample_visible_normal(local_view, alpha, u, v)
     is_mirror = roughness < ggx.MIRROR_ROUGHNESS
     hx, hy, hz = np.where(is_mirror, 0.0, hx), np.where(is_mirror, 0.0, hy), np.where(is_mirror, 1.0, hz)

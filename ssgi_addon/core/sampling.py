@@ -6,6 +6,8 @@ Results therefore do not depend on chunks or threads.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from .types import FloatArray, IntArray
@@ -16,30 +18,57 @@ _R2_STEP_U = 3242174889
 _R2_STEP_V = 2447445413
 
 
-def hash_pixels(pixel: IntArray, salt: int) -> np.ndarray:
-    """Return well-mixed uint32 values ``(N,)`` for flat pixel indices (Wellons' lowbias32)."""
-    value = pixel.astype(np.uint32)
-    value ^= np.uint32((salt * 0x9E3779B9 + 0x85EBCA6B) & 0xFFFFFFFF)
-    value ^= value >> np.uint32(16)
-    value *= np.uint32(0x7FEB352D)
-    value ^= value >> np.uint32(15)
-    value *= np.uint32(0x846CA68B)
-    value ^= value >> np.uint32(16)
-    return value
+# Pixels of a square tile of this side (a power of two) share one sequence.
+_TILE = 16
 
 
-def sample_square(pixel: IntArray, rays: int, seed: int, dtype: np.dtype) -> tuple[FloatArray, FloatArray]:
-    """Return points (u, v) of [0, 1)², each ``(rays, N)``: one R2 sequence per pixel, randomly shifted.
+def sample_square(
+    pixel: IntArray, width: int, rays: int, seed: int, dtype: np.dtype[Any]
+) -> tuple[FloatArray, FloatArray]:
+    """Return sample points (u, v) of [0, 1)², each ``(rays, N)``.
 
-    The shift (Cranley-Patterson rotation) makes every pixel's estimate unbiased and the noise of neighbours
-    independent.
+    The pixels of a tile take consecutive runs of one R2 sequence, in Morton order (interleaved sampling,
+    Keller and Heidrich 2001): every block of 2 x 2, 4 x 4, ... pixels together samples as evenly as one pixel
+    with that many times the rays, which is what a filter over neighbours needs. The seed shifts the whole
+    sequence at random, so each estimate is unbiased over seeds.
+
+    Parameters
+    ----------
+    pixel : (N,)
+        Flat pixel indices.
+    width
+        Of the image, pixels.
+    rays
+        Points per pixel.
+    seed
+        Of the shift.
+    dtype
+        Of the result.
     """
-    index = np.arange(rays, dtype=np.uint64)[:, None]
-    steps = [(index * step & 0xFFFFFFFF).astype(np.uint32) for step in (_R2_STEP_U, _R2_STEP_V)]
-    u = hash_pixels(pixel, 2 * seed) + steps[0]
-    v = hash_pixels(pixel, 2 * seed + 1) + steps[1]
+    order = _morton(pixel % width % _TILE, pixel // width % _TILE).astype(np.uint64)
+    index = order * np.uint64(rays) + np.arange(rays, dtype=np.uint64)[:, None]
+    shift_u, shift_v = (_mix(2 * seed + axis) for axis in range(2))
+    u = (index * np.uint64(_R2_STEP_U) + np.uint64(shift_u)) & np.uint64(0xFFFFFFFF)
+    v = (index * np.uint64(_R2_STEP_V) + np.uint64(shift_v)) & np.uint64(0xFFFFFFFF)
     # 24 bits fit a float32 exactly, so neither point ever rounds up to 1.
-    return (u >> np.uint32(8)).astype(dtype) * 2.0**-24, (v >> np.uint32(8)).astype(dtype) * 2.0**-24
+    u24, v24 = (u >> np.uint64(8)).astype(dtype), (v >> np.uint64(8)).astype(dtype)
+    return u24 * dtype.type(2.0**-24), v24 * dtype.type(2.0**-24)
+
+
+def _morton(x: IntArray, y: IntArray) -> IntArray:
+    """Interleave the bits of coordinates within a tile."""
+    order = np.zeros_like(x)
+    for bit in range(_TILE.bit_length() - 1):
+        order |= ((x >> bit) & 1) << (2 * bit) | ((y >> bit) & 1) << (2 * bit + 1)
+    return order
+
+
+def _mix(value: int) -> int:
+    """Return a well-mixed 32-bit number (Wellons' lowbias32)."""
+    value = (value + 0x9E3779B9) & 0xFFFFFFFF
+    value = ((value ^ value >> 16) * 0x7FEB352D) & 0xFFFFFFFF
+    value = ((value ^ value >> 15) * 0x846CA68B) & 0xFFFFFFFF
+    return value ^ value >> 16
 
 
 def tangent_frame(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
