@@ -48,3 +48,14 @@ MEAN_OF_NOISY_PIXELS = 0.1
 # Depth of a pixel's one sample against the surface at its centre, relative: the sample's jitter (0.005 pixels of
 # a face with 12) on surfaces that stand askew.
 SURROUND_DEPTH = 0.01
+
+# Distances along rays, relative, after a float64 walk and its scalar twin, which sum in another order.
+FLOAT64_DISTANCE = 1e-6
+
+# The same after a float32 walk, and the share of rays that rounding sends through another cell, so that they
+# meet another surface of a rough depth field.
+FLOAT32_DISTANCE = 1e-4
+FLOAT32_RAYS_THAT_DIFFER = 2e-3
+
+# A ball of pixels' patches is not quite convex: rays along it may graze the corner of a patch.
+CONVEX_SELF_HITS = 5e-4

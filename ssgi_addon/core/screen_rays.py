@@ -95,7 +95,7 @@ def project_rays(
             vx, vy, vq = camera.fx * (dx - ox * slope), -camera.fy * (dy - oy * slope), -slope
             s_vanish = np.where(dz < 0.0, -1.0 / dz, np.inf).astype(vq.dtype)
             s_limit = max_distance * q / (1.0 + max_distance * slope)
-            s_limit = np.where(s_limit > 0.0, s_limit, np.inf).astype(vx.dtype)  # NaN for +inf: no limit
+            s_limit = np.where(s_limit >= 0.0, s_limit, np.inf).astype(vx.dtype)  # NaN for +inf: no limit
         x, y = camera.cx + camera.fx * ox * inverse, camera.cy - camera.fy * oy * inverse
         s_begin = _entry_into_frame(camera, (x, y), (vx, vy))
     return ScreenRays((x, y, q), (vx, vy, vq), s_begin, s_vanish, s_limit)

@@ -13,8 +13,11 @@ from ssgi_addon.core import tracer
 from ssgi_addon.core.depth_field import DepthField
 
 
-def trace_ray(field: DepthField, origin, direction, max_distance=math.inf):
-    """Return (status, flat pixel or -1, distance) of one view-space ray with its origin over the frame."""
+def trace_ray(field: DepthField, origin, direction, max_distance=math.inf, starts_on_surface=True):
+    """Return (status, flat pixel or -1, distance) of one view-space ray.
+
+    A ray that starts on a surface has its origin over the frame; others may come in from outside.
+    """
     camera = field.camera
     width, height = camera.width, camera.height
     ox, oy, oz = (float(v) for v in origin)
@@ -31,36 +34,66 @@ def trace_ray(field: DepthField, origin, direction, max_distance=math.inf):
         vx, vy = camera.fx * (dx + ox * dz * q0), -camera.fy * (dy + oy * dz * q0)
         vq = dz * q0
         s_vanish = -1.0 / dz if dz < 0 else math.inf
-        depth_at_limit = -oz - max_distance * dz if math.isfinite(max_distance) else math.inf
-        s_limit = max_distance / depth_at_limit if math.isfinite(max_distance) and depth_at_limit > 0 else math.inf
-    ix, iy = math.floor(x0), math.floor(y0)
-    home = (ix, iy)
-    s = 0.0
+        s_limit = math.inf
+        if math.isfinite(max_distance) and -oz - max_distance * dz > 0.0:
+            s_limit = max_distance / (-oz - max_distance * dz)
+    s = max(_entry(x0, vx, width), _entry(y0, vy, height))
     s_stop = min(s_vanish, s_limit)
+    if s >= s_stop or not _is_over(x0 + vx * s, width) or not _is_over(y0 + vy * s, height):
+        return tracer.UNKNOWN, -1, math.inf
+    ix, iy = math.floor(x0 + vx * s), math.floor(y0 + vy * s)
+    if s > 0.0:  # over the border just now
+        ix, iy = min(max(ix, 0), width - 1), min(max(iy, 0), height - 1)
+    home = (ix, iy) if starts_on_surface else None
+
+    def distance_at(s):
+        return s if camera.is_orthographic else s / (q0 + vq * s)
+
     while True:
         next_x = ix + 1 if vx > 0 else ix
         next_y = iy + 1 if vy > 0 else iy
         s_x = (next_x - x0) / vx if vx else math.inf
         s_y = (next_y - y0) / vy if vy else math.inf
         s_out = min(s_x, s_y, s_stop)
-        if math.isinf(s_out):
-            return tracer.UNKNOWN, -1, math.inf  # straight at the camera
+        if math.isinf(s_out):  # straight at the camera
+            return tracer.UNKNOWN, -1, s_out if camera.is_orthographic else 1.0 / vq
         if (ix, iy) != home:
             answer = _meet(field, ix, iy, (x0, y0, q0), (vx, vy, vq), (dx, dy, dz), s, s_out, home)
             if answer is not None:
                 status, s_hit = answer
-                distance = s_hit if camera.is_orthographic else s_hit / (q0 + vq * s_hit)
-                return status, iy * width + ix, distance
-        if s_out >= s_stop:
-            escaped = s_stop == s_vanish and bool(field.is_background[iy * width + ix])
+                return status, iy * width + ix, distance_at(s_hit)
+        if s_out >= s_stop == s_vanish:
+            column = min(max(_cell_of(x0 + vx * s_out, vx), 0), width - 1)
+            row = min(max(_cell_of(y0 + vy * s_out, vy), 0), height - 1)
+            escaped = bool(field.is_background[row * width + column])
             return (tracer.ESCAPED if escaped else tracer.UNKNOWN), -1, math.inf
+        if s_out >= s_stop:
+            return tracer.UNKNOWN, -1, distance_at(s_out)
         s = s_out
         if s_x <= s_out:
             ix += 1 if vx > 0 else -1
         if s_y <= s_out:
             iy += 1 if vy > 0 else -1
         if not (0 <= ix < width and 0 <= iy < height):
-            return tracer.UNKNOWN, -1, math.inf
+            return tracer.UNKNOWN, -1, distance_at(s_out)
+
+
+def _entry(position, speed, size):
+    """Return s at which a coordinate comes into the frame: 0 from within, +inf for never."""
+    if 0.0 <= position <= size:
+        return 0.0
+    border = 0.0 if position < 0.0 else size
+    s = (border - position) / speed if speed else -1.0
+    return s if s > 0.0 else math.inf
+
+
+def _cell_of(position, speed):
+    """Return the cell of a coordinate; on a border the one that the ray moves into."""
+    return math.ceil(position) - 1 if speed < 0.0 else math.floor(position)
+
+
+def _is_over(position, size):
+    return -1e-9 * size <= position <= size * (1.0 + 1e-9)
 
 
 def _meet(field, ix, iy, start, velocity, direction, s_in, s_out, home):
@@ -77,7 +110,7 @@ def _meet(field, ix, iy, start, velocity, direction, s_in, s_out, home):
 
     h_in, h_out, slab = height_at(s_in), height_at(s_out), float(field.slab[pixel])
     faces = sum(float(n) * d for n, d in zip(field.normal[pixel], direction, strict=True)) < 0.0
-    is_own = not faces and max(abs(ix - home[0]), abs(iy - home[1])) <= 2
+    is_own = home is not None and not faces and max(abs(ix - home[0]), abs(iy - home[1])) <= 2
     if h_in > 0.0 and h_out <= 0.0:
         answer = (tracer.HIT if faces else tracer.BLOCKED, s_in + (s_out - s_in) * h_in / (h_in - h_out))
     elif -slab <= h_in <= 0.0:
