@@ -113,11 +113,9 @@ class Camera:
     ) -> Camera:
         if not (_is_number(pixel_aspect) and pixel_aspect > 0.0):
             raise ValueError(f"pixel_aspect: expected a positive number, got {pixel_aspect!r}")
-        if len(shift_px) != 2 or not all(_is_number(value) for value in shift_px):
+        if np.shape(shift_px) != (2,) or not all(_is_number(value) for value in shift_px):
             raise ValueError(f"shift_px: expected two finite numbers, got {shift_px!r}")
-        pose = np.eye(4) if world_from_view is None else np.array(world_from_view, dtype=np.float64)
-        if pose.shape != (4, 4) or not np.isfinite(pose).all():
-            raise ValueError(f"world_from_view: expected a finite (4, 4) matrix, got shape {pose.shape}")
+        pose = np.eye(4) if world_from_view is None else as_pose(world_from_view, ((4, 4),))
         return cls(
             int(width),
             int(height),
@@ -155,6 +153,20 @@ class Camera:
         x = (x_px - self.cx) / self.fx * scale
         y = (self.cy - y_px) / self.fy * scale
         return np.stack(np.broadcast_arrays(x, y, -depth), axis=-1)
+
+
+def as_pose(matrix: object, shapes: Sequence[tuple[int, int]]) -> FloatArray:
+    """Return a float64 copy of `world_from_view`, or raise ValueError where it is no invertible matrix."""
+    array = np.asarray(matrix)
+    expected = " or ".join(str(shape) for shape in shapes)
+    if array.dtype.kind not in "fiu" or array.shape not in shapes:
+        raise ValueError(
+            f"world_from_view: expected a {expected} matrix of numbers, got {array.dtype} {array.shape}"
+        )
+    pose = array.astype(np.float64)
+    if not np.isfinite(pose).all() or np.linalg.det(pose) == 0.0:
+        raise ValueError(f"world_from_view: expected a finite invertible matrix, got {matrix!r}")
+    return pose
 
 
 def _is_number(value: object) -> bool:

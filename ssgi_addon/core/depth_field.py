@@ -18,6 +18,8 @@ from .types import BoolArray, FloatArray, IntArray
 MAX_LEVEL = 7
 # Bounds of a cell are widened by this much of themselves, so that rounding never makes them cut into a patch.
 _BOUND_MARGIN = 1e-6
+# A normal confirms a neighbour's difference in q when its plane predicts it to within this fraction.
+_CONFIRMED = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +120,7 @@ class DepthField:
             gradient_x=gradient_x.ravel(),
             gradient_y=gradient_y.ravel(),
             slab=slab.ravel(),
-            reach=(footprint + tilt).astype(q.dtype).ravel(),
+            reach=np.maximum(footprint + tilt, _step_to_border(q, slab)).astype(q.dtype).ravel(),
             normal=gbuffer.normal.reshape(-1, 3),
             atlas_nearest=atlas_nearest,
             atlas_farthest=atlas_farthest,
@@ -145,8 +147,8 @@ def _patch_gradients(
 ) -> tuple[FloatArray, FloatArray]:
     """Return dq/dx and dq/dy of each pixel's plane, per pixel.
 
-    From n . P = n . P0. Each is limited to the differences to the two neighbours (of either sign, or zero):
-    exact on planes, and no patch of a silhouette or of a bent normal reaches past what lies beside it.
+    From n . P = n . P0. Each is limited by the differences to the two neighbours: exact on planes, and no
+    patch of a silhouette or of a bent normal sticks out past what lies beside it.
     """
     height, width = q.shape
     normal = gbuffer.normal
@@ -166,16 +168,35 @@ def _patch_gradients(
     return gx, gy
 
 
-def _limit_to_neighbours(gradient: FloatArray, q: FloatArray, axis: int) -> FloatArray:
+def _differences(q: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
+    """Return the differences to the pixels before and after; at the image's border the one there is, twice."""
     difference = np.diff(q, axis=axis)
-    first = np.take(difference, [0], axis=axis) if difference.size else np.zeros_like(q)
-    last = np.take(difference, [-1], axis=axis) if difference.size else np.zeros_like(q)
-    before = np.concatenate([first, difference], axis=axis) if difference.size else first
-    after = np.concatenate([difference, last], axis=axis) if difference.size else last
-    low = np.minimum(np.minimum(before, after), 0.0)
-    high = np.maximum(np.maximum(before, after), 0.0)
-    # An edge-on normal has no finite gradient: 0 is as good as any.
-    return np.clip(np.nan_to_num(gradient, nan=0.0), low, high)
+    if not difference.size:
+        return np.zeros_like(q), np.zeros_like(q)
+    first, last = np.take(difference, [0], axis=axis), np.take(difference, [-1], axis=axis)
+    return np.concatenate([first, difference], axis=axis), np.concatenate([difference, last], axis=axis)
+
+
+def _limit_to_neighbours(gradient: FloatArray, q: FloatArray, axis: int) -> FloatArray:
+    """Limit gradients to the smaller difference of their own sign, or to the larger one that they confirm."""
+    before, after = _differences(q, axis)
+    gradient = np.nan_to_num(gradient, nan=0.0)  # an edge-on normal has no finite gradient: 0 is as good as any
+    sign = np.where(gradient < 0.0, -1.0, 1.0).astype(q.dtype)
+    before, after = np.maximum(sign * before, 0.0), np.maximum(sign * after, 0.0)
+    small, big = np.minimum(before, after), np.maximum(before, after)
+    is_confirmed = np.abs(np.abs(gradient) - big) <= _CONFIRMED * big
+    limit = np.where((small > 0.0) & ~is_confirmed, small, big)
+    return sign * np.minimum(np.abs(gradient), limit)
+
+
+def _step_to_border(q: FloatArray, slab: FloatArray) -> FloatArray:
+    """Return half the largest difference to a neighbour of the same surface, one no farther than the slab."""
+    step = np.zeros_like(q)
+    for axis in (0, 1):
+        for difference in _differences(q, axis):
+            size = np.abs(difference)
+            step = np.maximum(step, np.where(size <= slab, 0.5 * size, 0.0))
+    return step
 
 
 def _slab_extent(

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from .camera import as_pose
 from .gbuffer import _as_float32, _clean_light
 from .types import FloatArray
 
@@ -37,8 +38,10 @@ class Environment:
         ValueError
             If `rgb` is not three finite numbers >= 0.
         """
-        radiance = np.asarray(rgb, dtype=np.float32)
-        if radiance.shape != (3,) or not ((radiance >= 0.0) & np.isfinite(radiance)).all():
+        if np.shape(rgb) != (3,):
+            raise ValueError(f"rgb: expected three finite numbers >= 0, got {rgb!r}")
+        radiance = _as_float32("rgb", rgb, (3,))
+        if not ((radiance >= 0.0) & np.isfinite(radiance)).all():
             raise ValueError(f"rgb: expected three finite numbers >= 0, got {rgb!r}")
         return cls(radiance.reshape(1, 1, 3), np.eye(3))
 
@@ -63,12 +66,8 @@ class Environment:
         shape = np.shape(image)
         if len(shape) != 3 or shape[2] != 3 or 0 in shape:
             raise ValueError(f"image: expected shape (H, W, 3), got {shape}")
-        rotation = np.asarray(world_from_view, dtype=np.float64)
-        if rotation.shape not in ((3, 3), (4, 4)) or not np.isfinite(rotation).all():
-            raise ValueError(
-                f"world_from_view: expected a finite (3, 3) or (4, 4) matrix, got shape {rotation.shape}"
-            )
-        return cls(_clean_light(_as_float32("image", image, shape)), rotation[:3, :3].copy())
+        pose = as_pose(world_from_view, ((4, 4), (3, 3)))
+        return cls(_clean_light(_as_float32("image", image, shape)), pose[:3, :3].copy())
 
     @property
     def is_constant(self) -> bool:
