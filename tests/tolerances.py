@@ -59,3 +59,6 @@ FLOAT32_RAYS_THAT_DIFFER = 2e-3
 
 # A ball of pixels' patches is not quite convex: rays along it may graze the corner of a patch.
 CONVEX_SELF_HITS = 5e-4
+
+# Projection there and back in float64, relative to the image and to the coordinate.
+PROJECTION_RELATIVE = 1e-9

@@ -38,8 +38,6 @@ class Environment:
         ValueError
             If `rgb` is not three finite numbers >= 0.
         """
-        if np.shape(rgb) != (3,):
-            raise ValueError(f"rgb: expected three finite numbers >= 0, got {rgb!r}")
         radiance = _as_float32("rgb", rgb, (3,))
         if not ((radiance >= 0.0) & np.isfinite(radiance)).all():
             raise ValueError(f"rgb: expected three finite numbers >= 0, got {rgb!r}")
