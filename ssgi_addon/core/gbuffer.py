@@ -11,6 +11,8 @@ from .types import BoolArray, FloatArray
 
 # Above this a value is garbage from a broken pixel, not light (Blender writes 1e10 and 1e11 for "nothing").
 LARGEST = 1e15
+# Below this a depth is garbage too: its inverse must stay a number.
+_SMALLEST_DEPTH = 1.0 / LARGEST
 _SHORTEST_NORMAL = 1e-3
 
 
@@ -139,7 +141,8 @@ def _clean_geometry(depth: FloatArray, normal: FloatArray) -> tuple[FloatArray, 
     """Return depth with +inf and unit normals with zero on background and on bad pixels."""
     with np.errstate(over="ignore", invalid="ignore"):
         length = np.sqrt((normal * normal).sum(axis=-1))
-    is_surface = (depth > 0.0) & (depth <= LARGEST) & (length > _SHORTEST_NORMAL) & (length <= LARGEST)
+    is_surface = (depth >= _SMALLEST_DEPTH) & (depth <= LARGEST)
+    is_surface &= (length > _SHORTEST_NORMAL) & (length <= LARGEST)
     depth = np.where(is_surface, depth, np.float32(np.inf))
     safe_length = np.where(is_surface, length, np.float32(1.0))
     normal = np.where(is_surface[..., None], normal, np.float32(0.0)) / safe_length[..., None]
