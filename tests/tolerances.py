@@ -62,3 +62,6 @@ CONVEX_SELF_HITS = 5e-4
 
 # Projection there and back in float64, relative to the image and to the coordinate.
 PROJECTION_RELATIVE = 1e-9
+
+# Angles by float32 arctan2 and arccos, relative to a turn.
+ENVIRONMENT_LOOKUP = 1e-6
