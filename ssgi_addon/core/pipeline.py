@@ -24,7 +24,7 @@ from .types import FloatArray, IntArray
 _BLACK = 1e-4
 _DIFFUSE_LEVELS = 4
 # Further views only light others: their noise is averaged by the rays that hit them.
-_MOST_VIEW_RAYS = 4
+_MOST_VIEW_RAYS = 2
 # Bounces stop when one adds less than this fraction of the light so far.
 _LEAST_BOUNCE = 1e-3
 
