@@ -9,7 +9,7 @@ import bpy
 
 from ..ssgi_addon.blender import compositor, job
 from ..ssgi_addon.errors import SSGIError
-from ..ssgi_addon.properties import core_settings
+from ..ssgi_addon.properties import job_options
 
 
 class SSGI_OT_render(bpy.types.Operator):
@@ -25,7 +25,9 @@ class SSGI_OT_render(bpy.types.Operator):
         window_manager.progress_begin(0.0, 1.0)
         try:
             result = job.render_frame(
-                scene, _job_options(scene), lambda fraction, _text: window_manager.progress_update(fraction)
+                scene,
+                job_options(scene.ssgi, _output_folder(scene.ssgi.output)),
+                lambda fraction, _text: window_manager.progress_update(fraction),
             )
         except (SSGIError, OSError) as error:
             self.report({"ERROR"}, str(error))
@@ -47,21 +49,6 @@ class SSGI_OT_render(bpy.types.Operator):
             return
         for warning in compositor.warnings(scene):
             self.report({"WARNING"}, warning)
-
-
-def _job_options(scene: bpy.types.Scene) -> job.JobOptions:
-    settings = scene.ssgi
-    return job.JobOptions(
-        output=_output_folder(settings.output),
-        settings=core_settings(settings),
-        engine=settings.engine,
-        samples=settings.samples,
-        denoise=settings.denoise,
-        compare=settings.compare,
-        reference_samples=settings.reference_samples,
-        passes=settings.save_passes,
-        overwrite=settings.overwrite,
-    )
 
 
 def _output_folder(path: str) -> Path:

@@ -6,9 +6,42 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Callable
+from dataclasses import fields
 
 LARGEST_SIDE = 65536
 MOST_FRAMES = 1_000_000
+
+
+def add_option(
+    parser: argparse.ArgumentParser, flag: str, owner: type, name: str, *, metavar: str | None = None
+) -> None:
+    """Add an option whose range, default and help text a dataclass declares by `core.settings.option`.
+
+    Parameters
+    ----------
+    parser
+        Its result has the attribute `name` only if the option is given.
+    flag
+        What the user writes.
+    owner, name
+        The dataclass and its field: a whole number, or a switch that is off.
+    metavar
+        Stands for the number in the help.
+    """
+    (item,) = (item for item in fields(owner) if item.name == name)
+    rule = item.metadata
+    shared = {"dest": name, "default": argparse.SUPPRESS}
+    help_text = rule["help"][0].lower() + rule["help"][1:]
+    if isinstance(item.default, bool):
+        parser.add_argument(flag, action="store_true", help=help_text, **shared)
+        return
+    parser.add_argument(
+        flag,
+        metavar=metavar,
+        type=integer(rule["min"], rule["max"]),
+        help=f"{help_text} (default: {item.default})",
+        **shared,
+    )
 
 
 def whole_number(text: str) -> int:

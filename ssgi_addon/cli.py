@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from . import __version__
-from .arguments import frame_range, integer, resolution, whole_number
+from .arguments import add_option, frame_range, integer, resolution, whole_number
 from .bpy_module import require_bpy
 from .core import Settings
 from .core.metrics import KNOWN_ENOUGH, compare_images
@@ -19,14 +19,11 @@ from .core.settings import PRESETS, DiffuseSettings, ReflectionSettings
 from .errors import SSGIError
 from .exr import FloatArray, Pixels, read_layers
 from .heatmap import error_map
+from .job_options import DEFAULT_PRESET, ENGINES, JobOptions
 from .passes import remembered_settings
 from .png import write_png
 from .progress import Progress
 from .results import apply_passes
-
-DEFAULT_PRESET = "balanced"
-DEFAULT_REFERENCE_SAMPLES = 64
-MOST_SAMPLES = 1 << 24
 
 DONE, FAILED, BAD_USAGE = 0, 1, 2
 
@@ -105,32 +102,24 @@ def _add_render(commands: Any, *, inside_blender: bool) -> None:
     parser.add_argument("--output", metavar="DIR", type=Path, required=True, help="folder for the results")
     parser.add_argument(
         "--engine",
-        choices=("cycles", "eevee"),
-        default="cycles",
-        help="renders the direct light (default: cycles)",
+        choices=ENGINES,
+        default=ENGINES[0],
+        help=f"renders the direct light (default: {ENGINES[0]})",
     )
     _add_settings(parser, default=DEFAULT_PRESET)
     parser.add_argument(
         "--resolution", metavar="WxH", type=resolution, help="size in pixels (default: the scene's)"
     )
-    parser.add_argument(
-        "--samples", metavar="N", type=integer(1, MOST_SAMPLES), help="Cycles' samples of the direct light"
-    )
+    add_option(parser, "--samples", JobOptions, "samples", metavar="N")
+    add_option(parser, "--surround", JobOptions, "surround", metavar="PIXELS")
     frames = parser.add_mutually_exclusive_group()
     frames.add_argument(
         "--frame", metavar="N", type=lambda text: (whole_number(text),), dest="frames", help="one frame"
     )
     frames.add_argument("--frames", metavar="A-B[:STEP]", type=frame_range, help="a range of frames")
-    parser.add_argument(
-        "--compare", action="store_true", help="also render the GI reference and measure the error"
-    )
-    parser.add_argument(
-        "--reference-samples",
-        metavar="N",
-        type=integer(1, MOST_SAMPLES),
-        help=f"Cycles' samples of the reference (default: {DEFAULT_REFERENCE_SAMPLES})",
-    )
-    parser.add_argument("--passes", action="store_true", help="also keep the captured passes, for `apply`")
+    add_option(parser, "--compare", JobOptions, "compare")
+    add_option(parser, "--reference-samples", JobOptions, "reference_samples", metavar="N")
+    add_option(parser, "--passes", JobOptions, "save_passes")
     parser.add_argument("--overwrite", action="store_true", help="replace results that are there already")
     parser.set_defaults(run=_render, fail=parser.error)
 
@@ -200,23 +189,15 @@ def _settings(arguments: argparse.Namespace, base: Settings | None = None) -> Se
 
 
 def _render(arguments: argparse.Namespace, progress: Progress) -> None:
-    if arguments.reference_samples is not None and not arguments.compare:
+    given = {
+        item.name: getattr(arguments, item.name) for item in fields(JobOptions) if item.name in arguments
+    }
+    if "reference_samples" in given and "compare" not in given:
         arguments.fail("--reference-samples needs --compare")
     require_bpy()
-    from .blender.job import JobOptions, run_job
+    from .blender.job import run_job
 
-    options = JobOptions(
-        output=arguments.output,
-        settings=_settings(arguments),
-        engine=arguments.engine,
-        samples=arguments.samples,
-        resolution=arguments.resolution,
-        frames=arguments.frames,
-        compare=arguments.compare,
-        reference_samples=arguments.reference_samples or DEFAULT_REFERENCE_SAMPLES,
-        passes=arguments.passes,
-        overwrite=arguments.overwrite,
-    )
+    options = JobOptions(settings=_settings(arguments), **given)
     report = run_job(arguments.scene, options, progress)
     progress.close()
     for frame in report["frames"]:

@@ -38,6 +38,7 @@ class SSGI_PT_main(_RenderPanel, bpy.types.Panel):
         column = layout.column(align=True)
         column.prop(settings, "samples")
         column.prop(settings, "denoise")
+        layout.prop(settings, "surround")
         layout.operator("ssgi.render", icon="RENDER_STILL")
 
 

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The settings of a scene, `bpy.types.Scene.ssgi`, made from the dataclasses of `core.settings`."""
+"""The settings of a scene, `bpy.types.Scene.ssgi`, made from dataclasses: `core.settings`, `job_options`."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import Field, fields
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -12,6 +13,7 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from .core.settings import PRESETS, DiffuseSettings, ReflectionSettings, Settings
+from .job_options import DEFAULT_PRESET, ENGINES, JobOptions
 
 # A Blender property has no "none" and no infinity; 0 stands for both, and its help says so.
 OPEN_ENDED = {None: "0 uses as many as there are", math.inf: "0 is without limit"}
@@ -31,6 +33,18 @@ def core_settings(group: bpy.types.PropertyGroup) -> Settings:
         If a property holds what the settings refuse; the ranges of the properties rule that out.
     """
     return _from_group(Settings, group)
+
+
+def job_options(group: bpy.types.PropertyGroup, output: Path) -> JobOptions:
+    """Return what a scene's properties say as the options of a job that writes into `output`."""
+    named = {item.name: getattr(group, item.name) for item in fields(JobOptions) if item.metadata}
+    return JobOptions(
+        output=output,
+        settings=core_settings(group),
+        engine=group.engine,
+        overwrite=group.overwrite,
+        **named,
+    )
 
 
 def apply_preset(group: bpy.types.PropertyGroup, name: str) -> None:
@@ -65,7 +79,7 @@ def _number_property(item: Field[Any]) -> Any:
         options |= {"default": 0, "min": 0, "description": f"{rule['help']}. {OPEN_ENDED[item.default]}"}
     if isinstance(item.default, float):
         return FloatProperty(**options, subtype="DISTANCE" if rule["unit"] == "scene units" else "NONE")
-    return IntProperty(**options)
+    return IntProperty(**options, subtype="PIXEL" if rule["unit"] == "pixels" else "NONE")
 
 
 def _from_group(settings_type: type, group: bpy.types.PropertyGroup) -> Any:
@@ -114,7 +128,13 @@ class _SharedSettings:
     __annotations__ = annotations_of(Settings)
 
 
-class SSGI_PG_settings(_SharedSettings, bpy.types.PropertyGroup):
+class _JobOptions:
+    """What to render besides, and what to keep."""
+
+    __annotations__ = annotations_of(JobOptions)
+
+
+class SSGI_PG_settings(_SharedSettings, _JobOptions, bpy.types.PropertyGroup):
     """Everything that a scene keeps for this extension."""
 
     enabled: BoolProperty(
@@ -126,7 +146,7 @@ class SSGI_PG_settings(_SharedSettings, bpy.types.PropertyGroup):
         name="Preset",
         description="Set rays and bounces to a point between speed and accuracy",
         items=[(name, name.title(), "") for name in PRESETS],
-        default="balanced",
+        default=DEFAULT_PRESET,
         update=_follow_preset,
     )
     diffuse: PointerProperty(type=SSGI_PG_diffuse)
@@ -135,21 +155,8 @@ class SSGI_PG_settings(_SharedSettings, bpy.types.PropertyGroup):
     engine: EnumProperty(
         name="Engine",
         description="Which render engine renders the direct light",
-        items=[("cycles", "Cycles", "")],
-        default="cycles",
-    )
-    samples: IntProperty(
-        name="Direct Samples",
-        description="Samples per pixel of the direct light",
-        default=16,
-        min=1,
-        max=1 << 24,
-        soft_max=1024,
-    )
-    denoise: BoolProperty(
-        name="Denoise",
-        description="Denoise the direct light, where this Blender has a denoiser",
-        default=True,
+        items=[(ENGINES[0], ENGINES[0].title(), "")],
+        default=ENGINES[0],
     )
 
     output: StringProperty(
@@ -160,28 +167,10 @@ class SSGI_PG_settings(_SharedSettings, bpy.types.PropertyGroup):
         default="//ssgi/",
     )
     overwrite: BoolProperty(name="Overwrite", description="Replace results of an earlier run", default=True)
-    save_passes: BoolProperty(
-        name="Save Passes",
-        description="Also write the captured passes and the camera, to compute the light without Blender",
-        default=False,
-    )
     add_to_compositor: BoolProperty(
         name="Add to Compositor",
         description="Add the result to the compositor's output by a node group, or update that group",
         default=True,
-    )
-    compare: BoolProperty(
-        name="Compare",
-        description="Also render the scene with Cycles' own indirect light, and measure the difference",
-        default=False,
-    )
-    reference_samples: IntProperty(
-        name="Reference Samples",
-        description="Samples per pixel of the render to compare with",
-        default=64,
-        min=1,
-        max=1 << 24,
-        soft_max=4096,
     )
     result: StringProperty(
         name="Result", description="The file that the last run wrote", subtype="FILE_PATH", options={"HIDDEN"}

@@ -146,7 +146,9 @@ def check_writable(folder: Path) -> None:
         probe.touch()
         probe.unlink()
     except OSError as error:
-        raise SSGIError(f"cannot write to {folder}: {error.strerror or error}; choose another place") from error
+        raise SSGIError(
+            f"cannot write to {folder}: {error.strerror or error}; choose another place"
+        ) from error
 
 
 def peak_memory_mb() -> float | None:

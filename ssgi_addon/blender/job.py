@@ -6,7 +6,7 @@ from __future__ import annotations
 import platform
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +14,11 @@ import bpy
 import numpy as np
 
 from .. import __version__
-from ..core import Settings
 from ..errors import SSGIError
 from ..exr import write_layers
 from ..files import write_json
 from ..heatmap import error_map
+from ..job_options import JobOptions
 from ..passes import settings_to_json, write_passes
 from ..results import Picture, check_writable, compute_picture, measure_errors, peak_memory_mb, write_picture
 from . import demo_scene
@@ -30,58 +30,10 @@ from .sheet import write_contact_sheet
 Progress = Callable[[float, str], None]
 Report = dict[str, Any]
 
-# Samples of the direct light, and pixels along the side of each view of the surround.
-DIRECT_SAMPLES = 16
-SURROUND_SIZE = 128
+# Samples of the light in each view of the surround
 SURROUND_SAMPLES = 4
 _DEMO_SIZE = (640, 360)
 _DEMO_REFERENCE_SAMPLES = 64
-
-
-@dataclass(frozen=True)
-class JobOptions:
-    """What to render and where to write it.
-
-    Attributes
-    ----------
-    output
-        Folder for the results; it is made when the first one is written.
-    settings
-        Of the passes.
-    engine
-        Renders the direct light.
-    samples
-        Of the direct light; None means `DIRECT_SAMPLES`.
-    denoise
-        Denoise the direct light.
-    surround
-        Side of each of the six views around the camera, pixels; 0 captures none.
-    resolution
-        Width and height, pixels; None means the scene's.
-    frames
-        Frame numbers; None means the current one.
-    compare
-        Also render the Cycles GI reference and measure the error.
-    reference_samples
-        Of the reference.
-    passes
-        Also keep the captured passes and the camera, for `apply`.
-    overwrite
-        Replace results that are there already.
-    """
-
-    output: Path
-    settings: Settings = field(default_factory=lambda: Settings.preset("balanced"))
-    engine: str = "cycles"
-    samples: int | None = None
-    denoise: bool = True
-    surround: int = SURROUND_SIZE
-    resolution: tuple[int, int] | None = None
-    frames: tuple[int, ...] | None = None
-    compare: bool = False
-    reference_samples: int = 64
-    passes: bool = False
-    overwrite: bool = False
 
 
 @dataclass(frozen=True)
@@ -154,7 +106,7 @@ def render_frames(
         "settings": {
             **settings_to_json(options.settings),
             "engine": options.engine,
-            "samples": options.samples or DIRECT_SAMPLES,
+            "samples": options.samples,
             "denoise": options.denoise,
             "surround": options.surround,
         },
@@ -170,7 +122,9 @@ def render_frames(
     return report, results
 
 
-def render_frame(scene: bpy.types.Scene, options: JobOptions, progress: Progress | None = None) -> FrameResult:
+def render_frame(
+    scene: bpy.types.Scene, options: JobOptions, progress: Progress | None = None
+) -> FrameResult:
     """Render the first frame that the options name; parameters and errors are those of `run_job`."""
     return render_frames(scene, options, progress)[1][0]
 
@@ -191,7 +145,7 @@ def run_demo(output: Path, progress: Progress | None = None) -> Path:
         resolution=_DEMO_SIZE,
         compare=True,
         reference_samples=_DEMO_REFERENCE_SAMPLES,
-        passes=True,
+        save_passes=True,
         overwrite=True,
     )
     sheet = render_frame(scene, options, progress).sheet_path
@@ -209,7 +163,7 @@ def _render_one(scene: bpy.types.Scene, frame: int, options: JobOptions, progres
         scene,
         CaptureOptions(
             engine=options.engine,
-            samples=options.samples or DIRECT_SAMPLES,
+            samples=options.samples,
             denoise=options.denoise,
             resolution=options.resolution,
             frame=frame,
@@ -224,7 +178,7 @@ def _render_one(scene: bpy.types.Scene, frame: int, options: JobOptions, progres
     seconds["passes"] = time.perf_counter() - computing
     writing = time.perf_counter()
     progress(0.96 * share, "Writing")
-    if options.passes:
+    if options.save_passes:
         write_passes(captured, options.output / "passes", stem, options.settings)
     exr_path, png_path = options.output / f"{stem}.exr", options.output / f"{stem}.png"
     write_display_png(scene, picture.combined, png_path)
@@ -297,7 +251,6 @@ def _write_comparison(
     ]
     metrics, seconds = record["metrics"], record["seconds"]
     direct, ours = metrics["direct_only"], metrics["combined"]
-    samples = options.samples or DIRECT_SAMPLES
     cells = [
         f"relMSE {direct['relmse']:.3g} · SSIM {direct['ssim']:.3f}",
         f"relMSE {ours['relmse']:.3g} · SSIM {ours['ssim']:.3f}",
@@ -305,7 +258,7 @@ def _write_comparison(
         "",
     ]
     times = [
-        f"light {seconds['light']:.1f} s, {samples} samples",
+        f"light {seconds['light']:.1f} s, {options.samples} samples",
         f"total {seconds['total']:.1f} s: capture {seconds['capture']:.1f}, passes {seconds['passes']:.1f}",
         "",
         "",

@@ -9,6 +9,7 @@ import pytest
 
 pytest.importorskip("bpy")
 
+from ssgi_addon.core.settings import DiffuseSettings
 from tests.blender.extension_fixtures import ROOT, blender_ext, installed_extension  # noqa: F401  (a fixture)
 
 
@@ -72,6 +73,21 @@ result["changed"] = [changed.threads, changed.max_distance, changed.diffuse.rays
     }
 
 
+def test_properties_mean_the_options_of_a_job(extension, tmp_path):
+    script = """
+from dataclasses import replace
+from bl_ext.user_default.ssgi.ssgi_addon.job_options import JobOptions
+from bl_ext.user_default.ssgi.ssgi_addon.properties import job_options
+settings = bpy.context.scene.ssgi
+default = replace(JobOptions(output=out), overwrite=True)  # a click on the same button again is meant
+result = [job_options(settings, out) == default]
+settings.surround, settings.samples, settings.save_passes, settings.overwrite = 0, 3, True, False
+expected = replace(default, surround=0, samples=3, save_passes=True, overwrite=False)
+result.append(job_options(settings, out) == expected)
+"""
+    assert extension.run(script, tmp_path) == [True, True]
+
+
 def test_every_property_has_a_name_and_help_in_blenders_form(extension, tmp_path):
     script = """
 result = []
@@ -97,7 +113,7 @@ fresh = bpy.context.scene.ssgi.diffuse.rays
 bpy.ops.wm.open_mainfile(filepath=str(out / "scene.blend"))
 result = [fresh, bpy.context.scene.ssgi.diffuse.rays]
 """
-    assert extension.run(script, tmp_path) == [16, 33]
+    assert extension.run(script, tmp_path) == [DiffuseSettings().rays, 33]
 
 
 def test_panels_draw_existing_properties(extension, tmp_path):
@@ -124,4 +140,4 @@ for name in ("main", "diffuse", "reflections", "advanced", "output"):
 """
     drawn = extension.run(script, tmp_path)
     assert len(drawn) == len(set(drawn)) + 4  # the passes share four names
-    assert {"preset", "rays", "thickness", "output"} <= set(drawn)
+    assert {"preset", "surround", "rays", "thickness", "output"} <= set(drawn)

@@ -3,7 +3,7 @@ import io
 import subprocess
 import sys
 import types
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,28 +16,13 @@ from ssgi_addon.cli import main
 from ssgi_addon.core import Settings
 from ssgi_addon.errors import SSGIError
 from ssgi_addon.exr import write_layers
+from ssgi_addon.job_options import JobOptions
 from ssgi_addon.progress import Progress
 
 pytest.importorskip("OpenEXR")
 
 ROOT = Path(__file__).resolve().parents[2]
 JOB = "ssgi_addon.blender.job"
-
-
-@dataclass(frozen=True)
-class FakeOptions:
-    """The fields that the command line fills, with marks where it must fill them."""
-
-    output: Path
-    settings: Settings
-    engine: str
-    samples: int | None
-    resolution: tuple[int, int] | None
-    frames: tuple[int, ...] | None
-    compare: bool
-    reference_samples: int
-    passes: bool
-    overwrite: bool
 
 
 @pytest.fixture
@@ -62,7 +47,7 @@ def calls(monkeypatch):
         return output / "demo.png"
 
     job = types.ModuleType(JOB)
-    job.JobOptions, job.run_job, job.run_demo = FakeOptions, run_job, run_demo
+    job.run_job, job.run_demo = run_job, run_demo
     monkeypatch.setitem(sys.modules, JOB, job)
     monkeypatch.setattr(cli, "apply_passes", apply_passes)
     monkeypatch.setattr(cli, "require_bpy", lambda: None)
@@ -71,23 +56,10 @@ def calls(monkeypatch):
 
 def test_render_has_the_defaults_of_the_contract(calls, capsys):
     assert main(["render", "scene.blend", "--output", "out"]) == 0
-    assert calls == [
-        (
-            Path("scene.blend"),
-            FakeOptions(
-                output=Path("out"),
-                settings=Settings.preset("balanced"),
-                engine="cycles",
-                samples=None,
-                resolution=None,
-                frames=None,
-                compare=False,
-                reference_samples=64,
-                passes=False,
-                overwrite=False,
-            ),
-        )
-    ]
+    ((scene, options),) = calls
+    assert (scene, options) == (Path("scene.blend"), JobOptions(output=Path("out")))
+    assert (options.engine, options.settings) == ("cycles", Settings.preset("balanced"))
+    assert not any((options.overwrite, options.compare, options.save_passes))
     out, err = capsys.readouterr()
     assert "frame 3: 2.5 s" in out
     assert "0.1235" in out
@@ -97,22 +69,23 @@ def test_render_has_the_defaults_of_the_contract(calls, capsys):
 def test_render_hands_every_option_on(calls):
     line = (
         "render a.blend --output out --engine eevee --preset final --resolution 96x54 --samples 5 --rays 7 "
-        "--frames 1-9:4 --compare --reference-samples 12 --passes --overwrite"
+        "--surround 32 --frames 1-9:4 --compare --reference-samples 12 --passes --overwrite"
     )
     assert main(line.split()) == 0
     final = Settings.preset("final")
-    assert calls[0][1] == FakeOptions(
+    assert calls[0][1] == JobOptions(
         output=Path("out"),
         settings=replace(
             final, diffuse=replace(final.diffuse, rays=7), reflections=replace(final.reflections, rays=7)
         ),
         engine="eevee",
         samples=5,
+        surround=32,
         resolution=(96, 54),
         frames=(1, 5, 9),
         compare=True,
         reference_samples=12,
-        passes=True,
+        save_passes=True,
         overwrite=True,
     )
 
@@ -151,6 +124,8 @@ def test_scene_may_be_left_out_inside_blender_only(calls, capsys):
         "render a.blend --output out --resolution 99999999999x9",
         "render a.blend --output out --samples 0",
         "render a.blend --output out --samples many",
+        "render a.blend --output out --surround=-1",
+        "render a.blend --output out --surround 99999",
         "render a.blend --output out --rays 0",
         "render a.blend --output out --rays 100000",
         "render a.blend --output out --preset ultra",
@@ -220,6 +195,18 @@ def test_demo_says_where_the_picture_is(calls, capsys):
 def test_help_ends_well(command, capsys):
     assert main(command.split()) == 0
     assert capsys.readouterr().out
+
+
+def test_help_tells_the_default_and_the_cost_of_the_surround(capsys):
+    main(["render", "--help"])
+    text = " ".join(capsys.readouterr().out.split())
+    assert f"(default: {JobOptions(output=Path()).surround})" in text
+    assert "0 captures none" in text
+
+
+def test_surround_may_be_left_out(calls):
+    assert main(["render", "a.blend", "--output", "out", "--surround", "0"]) == 0
+    assert calls[0][1].surround == 0
 
 
 @pytest.fixture
