@@ -65,3 +65,8 @@ PROJECTION_RELATIVE = 1e-9
 
 # Angles by float32 arctan2 and arccos, relative to a turn.
 ENVIRONMENT_LOOKUP = 1e-6
+
+# Means over thousands of evenly spread sample points against their integrals.
+HEMISPHERE_MOMENT = 2e-3
+# The same for a lobe's 65,000 grid points, against a quadrature of 180,000.
+LOBE_MOMENT = 2e-3
