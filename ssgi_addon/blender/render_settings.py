@@ -88,8 +88,9 @@ def borrow_framing(restorer: Restorer, scene: bpy.types.Scene, resolution: tuple
         width, height = resolution
         if width < 1 or height < 1:
             raise SSGIError(f"Resolution {width} x {height} has no pixels: give at least 1 x 1.")
+        _refuse_more_than_a_tile(resolution)  # the properties would cut it off without a word
         # Sizes below the smallest that the property takes are a percentage of larger ones.
-        scale = 1 if min(width, height) >= _SMALLEST_RESOLUTION_PX else 100
+        scale = 1 if min(width, height) >= _SMALLEST_RESOLUTION_PX else _SMALLEST_RESOLUTION_PX
         restorer.change(
             scene.render,
             resolution_x=width * scale,
@@ -105,11 +106,7 @@ def borrow_framing(restorer: Restorer, scene: bpy.types.Scene, resolution: tuple
             f"Scene '{scene.name}' renders {width} x {height} pixels: raise the resolution or its "
             "percentage, or widen the render border, in Output properties > Format."
         )
-    if max(full_size(scene)) > LARGEST_TILE_PX:
-        raise SSGIError(
-            f"{' x '.join(map(str, full_size(scene)))} pixels are more than Cycles returns in memory: "
-            f"render at most {LARGEST_TILE_PX} pixels a side."
-        )
+    _refuse_more_than_a_tile(full_size(scene))
     restorer.change(
         scene.cycles, tile_size=max(scene.cycles.tile_size, *full_size(scene)), use_auto_tile=False
     )
@@ -139,6 +136,14 @@ def borrow_passes(restorer: Restorer, view_layer: bpy.types.ViewLayer, names: tu
     of_layer, of_cycles = pass_switches(names)
     restorer.change(view_layer, **of_layer)
     restorer.change(view_layer.cycles, **of_cycles)
+
+
+def _refuse_more_than_a_tile(size: tuple[int, int]) -> None:
+    if max(size) > LARGEST_TILE_PX:
+        raise SSGIError(
+            f"{size[0]} x {size[1]} pixels are more than Cycles returns in memory: "
+            f"render at most {LARGEST_TILE_PX} pixels a side."
+        )
 
 
 def _update_render_layers_nodes(scene: bpy.types.Scene) -> None:

@@ -59,7 +59,8 @@ def filter_light(
     """
     height, width = gbuffer.shape
     everywhere = np.arange(height * width)
-    position, normal = surface_points(gbuffer, camera, everywhere)
+    with np.errstate(invalid="ignore"):  # on the optical axis a point of the background is no number
+        position, normal = surface_points(gbuffer, camera, everywhere)
     is_background = gbuffer.is_background
     position = np.where(is_background.reshape(-1), 0.0, position).reshape(3, height, width)
     normal = normal.reshape(3, height, width)

@@ -228,7 +228,7 @@ def test_border_without_crop_captures_the_whole_frame(steps):
     assert np.array_equal(capture_frame(steps, ONE_SAMPLE).gbuffer.depth, whole)
 
 
-@pytest.mark.parametrize("size", [(1, 1), (1, 7), (5, 3), (13, 2)])
+@pytest.mark.parametrize("size", [(1, 1), (1, 7), (5, 3), (13, 2), (3, 900)])
 def test_any_size_can_be_captured(steps, size):
     frame = capture_frame(steps, CaptureOptions(samples=1, denoise=False, resolution=size))
     assert (frame.camera.width, frame.camera.height) == size
@@ -458,6 +458,7 @@ def test_what_cannot_be_captured_is_refused_in_one_line(steps, change, message):
     ("options", "message"),
     [
         (CaptureOptions(resolution=(0, 9)), "has no pixels"),
+        (CaptureOptions(resolution=(3, 65536)), "3 x 65536 pixels are more"),
         (CaptureOptions(view_layer="Nope"), "no view layer 'Nope': choose one of 'ViewLayer'"),
         (CaptureOptions(engine="workbench"), "cannot be captured"),
     ],
