@@ -18,7 +18,7 @@ def view_at(cosine: float) -> np.ndarray:
 
 
 def hemisphere(count: int = 300) -> tuple[np.ndarray, np.ndarray]:
-    """Return directions (3, N) on a grid that is denser around the normal, and the solid angle of each (N,)."""
+    """Return directions (3, N) on a grid that is denser around the normal, and their solid angles (N,)."""
     steps = (np.arange(count) + 0.5) / count
     angle = (np.arange(2 * count) + 0.5) * (np.pi / count)
     steps, angle = np.meshgrid(steps, angle, indexing="ij")
