@@ -70,3 +70,6 @@ ENVIRONMENT_LOOKUP = 1e-6
 HEMISPHERE_MOMENT = 2e-3
 # The same for a lobe's 65,000 grid points, against a quadrature of 180,000.
 LOBE_MOMENT = 2e-3
+
+# A filter's weighted mean of float32 values, relative (or absolute, of light of 1).
+FILTER_RELATIVE = 1e-5
