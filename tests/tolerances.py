@@ -73,3 +73,14 @@ LOBE_MOMENT = 2e-3
 
 # A filter's weighted mean of float32 values, relative (or absolute, of light of 1).
 FILTER_RELATIVE = 1e-5
+
+# The white furnace: every ray brings exactly 1, what remains is the rounding of a mean and of filter weights.
+FURNACE = 1e-5
+# The diffuse pass with 1024 rays against a grid of 288 directions: light up to 2, visibility up to 1. Both
+# sample edges, so a pixel may be off by some rays.
+GATHERED_PIXEL = 0.06
+GATHERED_MEAN = 0.015
+# Means over many rays and pixels against integrals, relative.
+CLOSED_FORM_RELATIVE = 0.02
+# The same float32 sum in another order, relative.
+REPEATED_SUM = 1e-5
