@@ -71,11 +71,13 @@ def _save_through_view(scene: bpy.types.Scene, radiance: npt.NDArray[np.float32]
     try:
         datablock.pixels.foreach_set(pixels.ravel())
         datablock.update()
-        with _png_output(scene):
-            datablock.save_render(path, scene=scene)
+        with _png_copy(scene) as copy:
+            datablock.save_render(path, scene=copy)
     except RuntimeError as error:
-        raise SSGIError(f"Cannot write a temporary picture in {os.path.dirname(path)}: {error}. "
-                        "Make room there, or set TMPDIR to another folder.") from error
+        raise SSGIError(
+            f"Cannot write a temporary picture in {os.path.dirname(path)}: {error}. "
+            "Make room there, or set TMPDIR to another folder."
+        ) from error
     finally:
         bpy.data.images.remove(datablock)
 
@@ -94,26 +96,17 @@ def _read_png(path: str) -> npt.NDArray[np.uint8]:
 
 
 @contextmanager
-def _png_output(scene: bpy.types.Scene) -> Iterator[None]:
-    """Let `scene` save 8-bit RGB PNGs for a moment.
-
-    The choice between the scene's and an overriding colour management stays: going back to the
-    override would replace the user's overriding settings by copies of the scene's.
-    """
-    settings = scene.render.image_settings
-    wanted = {
-        "media_type": "IMAGE",  # 5.0 and later; it decides which file formats may be chosen
-        "file_format": "PNG",
-        "color_mode": "RGB",
-        "color_depth": "8",
-        "compression": 0,
-    }
-    wanted = {name: value for name, value in wanted.items() if hasattr(settings, name)}
-    before = {name: getattr(settings, name) for name in wanted}
+def _png_copy(scene: bpy.types.Scene) -> Iterator[bpy.types.Scene]:
+    """Give a copy of `scene` that saves 8-bit RGB PNGs; a chosen format cannot be put back in full."""
+    copy = scene.copy()
     try:
-        for name, value in wanted.items():
-            setattr(settings, name, value)
-        yield
+        settings = copy.render.image_settings
+        if hasattr(settings, "media_type"):  # 5.0 and later; it decides which file formats may be chosen
+            settings.media_type = "IMAGE"
+        settings.file_format = "PNG"
+        settings.color_mode = "RGB"
+        settings.color_depth = "8"
+        settings.compression = 0
+        yield copy
     finally:
-        for name, value in before.items():
-            setattr(settings, name, value)
+        bpy.data.scenes.remove(copy)

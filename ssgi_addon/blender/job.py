@@ -88,7 +88,10 @@ def open_scene(path: Path) -> None:
     try:
         bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=False)
     except RuntimeError as error:
-        raise SSGIError(f"cannot open {path}: {error}") from error
+        reason = str(error).strip().removeprefix("Error: ")
+        raise SSGIError(
+            f"cannot open {path}: {reason}; give a .blend file that Blender {bpy.app.version_string} reads"
+        ) from error
 
 
 def render_frames(
