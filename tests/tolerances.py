@@ -84,3 +84,15 @@ GATHERED_MEAN = 0.015
 CLOSED_FORM_RELATIVE = 0.02
 # The same float32 sum in another order, relative.
 REPEATED_SUM = 1e-5
+
+# A mirror shows whole pixels: the centre of the one it met is half a pixel off at most, or, where the crossing
+# lies on a border between pixels, in the next one.
+MIRROR_HIT_PX = 1.0
+# Share of a mirror's pixels that show the neighbour of the pixel that geometry says.
+MIRROR_PIXELS_OFF = 0.01
+# A lobe's mean of 1024 rays against its integral: light up to 2.5, most of it from whole pixels of a texture.
+LOBE_PIXEL = 0.03
+# What changes on average between an exact mirror and the least rough lobe, of a texture of 0.5 to 2.5.
+MIRROR_AT_MIRROR_LIMIT = 0.01
+# Share of a mirror's pixels that show a ball although their ray passes it: its rim pixels are small plates.
+MIRROR_HALO = 2e-3
