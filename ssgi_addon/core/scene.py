@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -12,9 +13,10 @@ from . import tracer
 from .camera import Camera
 from .depth_field import MAX_LEVEL, DepthField
 from .environment import Environment
+from .field_stack import FieldStack
 from .gbuffer import GBuffer
 from .settings import Settings
-from .types import FloatArray, IntArray
+from .types import FloatArray, IntArray, StatusArray
 
 View = tuple[GBuffer, Camera]
 
@@ -32,7 +34,7 @@ class Answers:
         one past the last, where tables of radiance hold black.
     """
 
-    status: np.ndarray
+    status: StatusArray
     texel: IntArray
 
 
@@ -90,6 +92,7 @@ class TraceScene:
                 self.texels += layer.depth.size
                 layer = layer.behind
             self.views.append(placed)
+        self.stacks = self._stacks()
 
     def table(self, name: str) -> FloatArray:
         """Return a property of all texels ``(texels + 1, 3)`` with black in the last row."""
@@ -120,38 +123,66 @@ class TraceScene:
         home
             The view whose surfaces the rays start on.
         """
-        status, texel, distance = self._through_layers(home, origin_vs, direction_vs, None)
-        onward = np.flatnonzero((status == tracer.UNKNOWN) & np.isfinite(distance))
+        view, count = self.views[home], origin_vs.shape[1]
+        merged = _Merged(count, origin_vs.dtype)
+        everywhere = np.arange(count)
+        left = np.empty(0, dtype=origin_vs.dtype)
+        for layer, (field, offset) in enumerate(zip(view.fields, view.offsets, strict=True)):
+            found = tracer.trace_rays(field, origin_vs, direction_vs, max_distance=self.max_distance)
+            merged.add(field, offset, everywhere, found)
+            left = found.distance if layer == 0 else left
+        onward = np.flatnonzero((merged.status() == tracer.UNKNOWN) & np.isfinite(left))
         if len(self.views) > 1 and onward.size:
-            begin = distance.take(onward)
-            found = self._through_others(
-                home, origin_vs.take(onward, axis=1), direction_vs.take(onward, axis=1), begin
-            )
-            status[onward], texel[onward] = found
-        return Answers(status, texel)
+            self._continue_elsewhere(home, origin_vs, direction_vs, left, onward, merged)
+        status = merged.status()
+        return Answers(status, np.where(status == tracer.HIT, merged.texel, self.texels))
 
-    def _through_others(
-        self, home: int, origin: FloatArray, direction: FloatArray, begin: FloatArray
-    ) -> tuple[np.ndarray, IntArray]:
-        """Return status and texel of rays that have left their own view at distance `begin`."""
-        count = begin.shape[0]
-        status = np.full(count, tracer.UNKNOWN, dtype=np.int8)
-        texel = np.full(count, self.texels, dtype=np.int64)
-        nearest = np.full(count, np.inf, dtype=begin.dtype)
-        for index in range(len(self.views)):
-            if index == home:
+    def _continue_elsewhere(
+        self,
+        home: int,
+        origin: FloatArray,
+        direction: FloatArray,
+        left: FloatArray,
+        onward: IntArray,
+        merged: _Merged,
+    ) -> None:
+        """Trace the `onward` rays through all other views from the distance at which they left their own."""
+        origin, direction = origin.take(onward, axis=1), direction.take(onward, axis=1)
+        begin = left.take(onward)
+        for stack, members in self.stacks:
+            visits = [
+                _visit(self, home, view, layer, index, origin, direction, begin)
+                for index, (view, layer) in enumerate(members)
+                if view != home
+            ]
+            if not visits:
                 continue
-            rows = [[float(value) for value in row] for row in self._moves(home, index)[:3]]
-            moved = np.stack([r[0] * origin[0] + r[1] * origin[1] + r[2] * origin[2] + r[3] for r in rows])
-            turned = np.stack([r[0] * direction[0] + r[1] * direction[1] + r[2] * direction[2] for r in rows])
-            other, other_texel, distance = self._through_layers(index, moved, turned, begin)
-            # A hit or a block ends the ray, the nearest one for good; an escape counts while nothing does
-            ends = (other == tracer.HIT) | (other == tracer.BLOCKED)
-            is_nearer = np.flatnonzero(ends & (distance < nearest))
-            nearest[is_nearer] = distance.take(is_nearer)
-            status[is_nearer], texel[is_nearer] = other.take(is_nearer), other_texel.take(is_nearer)
-            status[(other == tracer.ESCAPED) & (status == tracer.UNKNOWN)] = tracer.ESCAPED
-        return status, texel
+            rays = tracer.ScreenRays.joined([visit.rays for visit in visits])
+            turned = np.concatenate([visit.direction for visit in visits], axis=1)
+            found = tracer.trace_visitors(stack, rays, turned)
+            end = 0
+            for visit in visits:
+                part = slice(end, end + visit.ray.shape[0])
+                end = part.stop
+                result = tracer.TraceResult(
+                    found.status[part],
+                    found.pixel[part] - visit.index * stack.pixels_per_field,
+                    found.distance[part] + visit.begin,
+                )
+                view, layer = members[visit.index]
+                offset = self.views[view].offsets[layer]
+                merged.add(stack.fields[visit.index], offset, onward.take(visit.ray), result)
+
+    def _stacks(self) -> list[tuple[FieldStack, list[tuple[int, int]]]]:
+        """Group all fields by size and projection; each comes with its (view, layer)."""
+        groups: dict[tuple[int, int, bool], list[tuple[int, int]]] = {}
+        for index, view in enumerate(self.views):
+            kind = (view.camera.width, view.camera.height, view.camera.is_orthographic)
+            groups.setdefault(kind, []).extend((index, layer) for layer in range(len(view.fields)))
+        return [
+            (FieldStack([self.views[view].fields[layer] for view, layer in members]), members)
+            for members in groups.values()
+        ]
 
     def _moves(self, home: int, other: int) -> FloatArray:
         """Return the (4, 4) transform from one view's space to another's."""
@@ -159,60 +190,73 @@ class TraceScene:
             np.linalg.inv(self.views[other].camera.world_from_view) @ self.views[home].camera.world_from_view
         )
 
-    def _through_layers(
-        self, index: int, origin: FloatArray, direction: FloatArray, begin: FloatArray | None
-    ) -> tuple[np.ndarray, IntArray, FloatArray]:
-        """Trace rays through a view's layers; return status, texel and distance of the nearest answer.
 
-        `begin` is where along the rays this view takes over; None means that they start on its surfaces.
-        A ray that one layer blocks takes hits of the others as far as the blocking surface is thick.
-        """
-        view = self.views[index]
-        first = self._through_field(view, 0, origin, direction, begin)
-        status, distance = first.status, first.distance
-        texel = np.where(status == tracer.HIT, first.pixel + view.offsets[0], self.texels)
-        if len(view.fields) == 1:
-            return status, texel, distance
-        limit = _block_limit(view.fields[0], first)
-        nearest = np.where(status == tracer.HIT, distance, np.inf)
-        for layer in range(1, len(view.fields)):
-            found = self._through_field(view, layer, origin, direction, begin)
-            limit = np.minimum(limit, _block_limit(view.fields[layer], found))
-            is_nearer = (found.status == tracer.HIT) & (found.distance < nearest)
-            nearest = np.where(is_nearer, found.distance, nearest)
-            texel = np.where(is_nearer, found.pixel + view.offsets[layer], texel)
-        is_hit = np.isfinite(nearest) & (nearest <= limit)
-        is_blocked = ~is_hit & np.isfinite(limit)
-        status = np.where(is_hit, tracer.HIT, np.where(is_blocked, tracer.BLOCKED, status)).astype(np.int8)
-        distance = np.where(is_hit, nearest, np.where(is_blocked, limit, distance))
-        return status, np.where(is_hit, texel, self.texels), distance
+class _Merged:
+    """The nearest answer that several fields give to the same rays.
 
-    def _through_field(
-        self,
-        view: _PlacedView,
-        layer: int,
-        origin: FloatArray,
-        direction: FloatArray,
-        begin: FloatArray | None,
-    ) -> tracer.TraceResult:
-        field = view.fields[layer]
-        if begin is None:
-            return tracer.trace_rays(field, origin, direction, max_distance=self.max_distance)
-        begin = _in_front_of_camera(view, origin, direction, begin)
-        reaches = np.flatnonzero(begin < self.max_distance)
-        count, start = begin.shape[0], begin.take(reaches)
-        direction = direction.take(reaches, axis=1)
-        part = tracer.trace_rays(
-            field,
-            origin.take(reaches, axis=1) + direction * start,
-            direction,
-            max_distance=self.max_distance - start,
-            starts_on_surface=False,
-        )
-        result = tracer.TraceResult.empty(count, origin.dtype)
-        result.status[reaches], result.pixel[reaches] = part.status, part.pixel
-        result.distance[reaches] = part.distance + start
-        return result
+    A ray that one field blocks at distance t takes hits of the others up to t plus the blocking surface's
+    thickness.
+    """
+
+    def __init__(self, count: int, dtype: np.dtype[Any]) -> None:
+        self.texel = np.zeros(count, dtype=np.int64)
+        self.nearest = np.full(count, np.inf, dtype=dtype)
+        self.limit = np.full(count, np.inf, dtype=dtype)
+        self.escapes = np.zeros(count, dtype=np.bool_)
+
+    def add(self, field: DepthField, offset: int, ray: IntArray, found: tracer.TraceResult) -> None:
+        """Take in what one field answers to the listed rays; its pixels are texels from `offset` on."""
+        hit = np.flatnonzero(found.status == tracer.HIT)
+        hit = hit[found.distance.take(hit) < self.nearest.take(ray.take(hit))]
+        self.nearest[ray.take(hit)] = found.distance.take(hit)
+        self.texel[ray.take(hit)] = found.pixel.take(hit) + offset
+        blocked = np.flatnonzero(found.status == tracer.BLOCKED)
+        limit = found.distance.take(blocked) + _thickness(field, found.pixel.take(blocked))
+        blocked = ray.take(blocked)
+        self.limit[blocked] = np.minimum(self.limit.take(blocked), limit)
+        self.escapes[ray[found.status == tracer.ESCAPED]] = True
+
+    def status(self) -> StatusArray:
+        """Return each ray's status: something in the way is more certain than an open sky."""
+        is_hit = (self.nearest < np.inf) & (self.nearest <= self.limit)
+        cases = [is_hit, self.limit < np.inf, self.escapes]
+        kinds = [np.int8(tracer.HIT), np.int8(tracer.BLOCKED), np.int8(tracer.ESCAPED)]
+        return np.select(cases, kinds, np.int8(tracer.UNKNOWN))
+
+
+@dataclass(frozen=True, eq=False)
+class _Visit:
+    """Rays that enter a field of another view: which, from where on, and how they look there."""
+
+    index: int  # of the field in its stack
+    ray: IntArray
+    begin: FloatArray
+    rays: tracer.ScreenRays
+    direction: FloatArray
+
+
+def _visit(
+    scene: TraceScene,
+    home: int,
+    other: int,
+    layer: int,
+    index: int,
+    origin: FloatArray,
+    direction: FloatArray,
+    begin: FloatArray,
+) -> _Visit:
+    """Express rays of view `home` in another view's space, those that come into its sight after `begin`."""
+    view = scene.views[other]
+    rows = [[float(value) for value in row] for row in scene._moves(home, other)[:3]]
+    moved = np.stack([r[0] * origin[0] + r[1] * origin[1] + r[2] * origin[2] + r[3] for r in rows])
+    turned = np.stack([r[0] * direction[0] + r[1] * direction[1] + r[2] * direction[2] for r in rows])
+    begin = _in_front_of_camera(view, moved, turned, begin)
+    reaching = np.flatnonzero(begin < scene.max_distance)
+    begin, turned = begin.take(reaching), turned.take(reaching, axis=1)
+    moved = moved.take(reaching, axis=1) + turned * begin
+    rays = tracer.project_rays(view.fields[layer], moved, turned, scene.max_distance - begin, index)
+    seen = np.flatnonzero(rays.s_begin < np.inf)
+    return _Visit(index, reaching.take(seen), begin.take(seen), rays.only(seen), turned.take(seen, axis=1))
 
 
 def _in_front_of_camera(
@@ -229,16 +273,10 @@ def _in_front_of_camera(
     return np.where(starts_in_front, begin, np.where(enters > begin, enters, np.inf)).astype(begin.dtype)
 
 
-def _block_limit(field: DepthField, found: tracer.TraceResult) -> FloatArray:
-    """Return how far along a blocked ray other layers may still answer; +inf for rays not blocked."""
-    limit = np.full_like(found.distance, np.inf)
-    blocked = np.flatnonzero(found.status == tracer.BLOCKED)
-    pixel = found.pixel.take(blocked)
+def _thickness(field: DepthField, pixel: IntArray) -> FloatArray:
+    """Return the thickness of the slabs of some pixels, scene units."""
     front, slab = field.front.take(pixel), field.slab.take(pixel)
     if field.camera.is_orthographic:
-        extent = slab
-    else:
-        with np.errstate(divide="ignore"):
-            extent = 1.0 / (front - slab) - 1.0 / front
-    limit[blocked] = found.distance.take(blocked) + extent
-    return limit
+        return slab
+    with np.errstate(divide="ignore"):
+        return 1.0 / (front - slab) - 1.0 / front

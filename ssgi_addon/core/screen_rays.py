@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from .camera import Camera
 from .depth_field import DepthField
-from .types import FloatArray, IntArray
+from .types import FloatArray, IntArray, StatusArray
 
 UNKNOWN, BLOCKED, ESCAPED, HIT = 0, 1, 2, 3
 
@@ -29,7 +30,7 @@ class TraceResult:
         to where it left the frame or reached its largest distance; +inf for rays that vanish.
     """
 
-    status: np.ndarray
+    status: StatusArray
     pixel: IntArray
     distance: FloatArray
 
@@ -48,7 +49,8 @@ class ScreenRays:
     """Rays as lines (x, y, q)(s) = start + s * velocity.
 
     They lie over the frame from ``s_begin`` on (0 where they start there, +inf where they never do), reach
-    q_end at ``s_vanish`` and their largest distance at ``s_limit``.
+    q_end at ``s_vanish`` and their largest distance at ``s_limit``; ``field`` is the index of the field in its
+    stack that each one walks.
     """
 
     start: tuple[FloatArray, FloatArray, FloatArray]
@@ -56,6 +58,33 @@ class ScreenRays:
     s_begin: FloatArray
     s_vanish: FloatArray
     s_limit: FloatArray
+    field: IntArray
+
+    def only(self, chosen: IntArray) -> ScreenRays:
+        """Return some of the rays."""
+        (x, y, q), (vx, vy, vq) = self.start, self.velocity
+        return ScreenRays(
+            (x.take(chosen), y.take(chosen), q.take(chosen)),
+            (vx.take(chosen), vy.take(chosen), vq.take(chosen)),
+            self.s_begin.take(chosen),
+            self.s_vanish.take(chosen),
+            self.s_limit.take(chosen),
+            self.field.take(chosen),
+        )
+
+    @classmethod
+    def joined(cls, parts: Sequence[ScreenRays]) -> ScreenRays:
+        """Return the rays of all parts, one after another."""
+        x, y, q = (np.concatenate([part.start[i] for part in parts]) for i in range(3))
+        vx, vy, vq = (np.concatenate([part.velocity[i] for part in parts]) for i in range(3))
+        return cls(
+            (x, y, q),
+            (vx, vy, vq),
+            np.concatenate([part.s_begin for part in parts]),
+            np.concatenate([part.s_vanish for part in parts]),
+            np.concatenate([part.s_limit for part in parts]),
+            np.concatenate([part.field for part in parts]),
+        )
 
 
 def project_rays(
@@ -63,6 +92,7 @@ def project_rays(
     origin_vs: FloatArray,
     direction_vs: FloatArray,
     max_distance: float | FloatArray = np.inf,
+    index: int = 0,
 ) -> ScreenRays:
     """Express view-space rays as lines in (x, y, q).
 
@@ -77,6 +107,8 @@ def project_rays(
         View space, one row per component; origins in front of the camera.
     max_distance : float or (N,)
         Largest t.
+    index
+        Of the field in its stack.
     """
     camera = field.camera
     ox, oy, oz = origin_vs
@@ -98,7 +130,8 @@ def project_rays(
             s_limit = np.where(s_limit >= 0.0, s_limit, np.inf).astype(vx.dtype)  # NaN for +inf: no limit
         x, y = camera.cx + camera.fx * ox * inverse, camera.cy - camera.fy * oy * inverse
         s_begin = _entry_into_frame(camera, (x, y), (vx, vy))
-    return ScreenRays((x, y, q), (vx, vy, vq), s_begin, s_vanish, s_limit)
+    indices = np.full(s_begin.shape, index, dtype=np.int64)
+    return ScreenRays((x, y, q), (vx, vy, vq), s_begin, s_vanish, s_limit, indices)
 
 
 def _entry_into_frame(

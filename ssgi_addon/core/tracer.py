@@ -23,11 +23,22 @@ from __future__ import annotations
 import numpy as np
 
 from .depth_field import DepthField
-from .screen_rays import BLOCKED, ESCAPED, HIT, UNKNOWN, TraceResult, project_rays
+from .field_stack import FieldStack
+from .screen_rays import BLOCKED, ESCAPED, HIT, UNKNOWN, ScreenRays, TraceResult, project_rays
 from .types import FloatArray
 from .walk import Walk
 
-__all__ = ["BLOCKED", "ESCAPED", "HIT", "UNKNOWN", "TraceResult", "trace_rays"]
+__all__ = [
+    "BLOCKED",
+    "ESCAPED",
+    "HIT",
+    "UNKNOWN",
+    "ScreenRays",
+    "TraceResult",
+    "project_rays",
+    "trace_rays",
+    "trace_visitors",
+]
 
 
 def trace_rays(
@@ -51,9 +62,36 @@ def trace_rays(
     starts_on_surface
         The rays leave surfaces of this field: the cell under an origin is not tested, and what faces away
         beside it is self-contact. False for rays that come from elsewhere.
+
+    Returns
+    -------
+    TraceResult
+        In the order of the rays.
     """
     count = origin_vs.shape[1]
     result = TraceResult.empty(count, origin_vs.dtype)
     rays = project_rays(field, origin_vs, direction_vs, max_distance)
-    Walk(field, rays, direction_vs, starts_on_surface, result).run()
+    Walk(FieldStack([field]), rays, direction_vs, starts_on_surface, result).run()
+    return result
+
+
+def trace_visitors(stack: FieldStack, rays: ScreenRays, direction_vs: FloatArray) -> TraceResult:
+    """Find the first surface along rays that come from elsewhere, each in its own field of the stack.
+
+    Parameters
+    ----------
+    stack
+        Fields of one size.
+    rays
+        By `project_rays`, with the index of each ray's field.
+    direction_vs : (3, N)
+        In the view space of each ray's field.
+
+    Returns
+    -------
+    TraceResult
+        ``pixel`` counts through all fields of the stack.
+    """
+    result = TraceResult.empty(direction_vs.shape[1], direction_vs.dtype)
+    Walk(stack, rays, direction_vs, False, result).run()
     return result

@@ -5,14 +5,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from .depth_field import DepthField
+from .field_stack import FieldStack
 from .screen_rays import BLOCKED, ESCAPED, HIT, ScreenRays, TraceResult
 from .types import BoolArray, FloatArray, IntArray
 
 # Rays that walk at once: fewer waste time on calls, more fall out of the cache.
 CAPACITY = 262144
 # Ended rays are dropped, and waiting ones let in, once they are this fraction: that costs a third of a step.
-_REFILL_FRACTION = 0.125
+_REFILL_FRACTION = 0.25
 _SELF_CONTACT_PX = 2
 # A ray straight at the camera never leaves its cell: any finite end does, and keeps 0 * inf out.
 _STRAIGHT_AT_CAMERA = 1e30
@@ -33,7 +33,7 @@ _ROWS = 15
 
 
 class Walk:
-    """Rays on their way through one depth field.
+    """Rays on their way through depth fields, each ray through its own.
 
     Coordinates are mirrored so that every ray moves toward +x and +y, which leaves one rule for cell
     borders and makes the walk exactly symmetric under flips of the image. A ray keeps the cell of its current
@@ -45,7 +45,7 @@ class Walk:
 
     Parameters
     ----------
-    field
+    stack
         What the rays walk through.
     rays, direction_vs
         All rays, and their view-space directions (3, N).
@@ -57,25 +57,29 @@ class Walk:
 
     def __init__(
         self,
-        field: DepthField,
+        stack: FieldStack,
         rays: ScreenRays,
         direction_vs: FloatArray,
         starts_on_surface: bool,
         result: TraceResult,
     ) -> None:
-        self.field, self.rays, self.direction_vs, self.result = field, rays, direction_vs, result
+        self.stack, self.rays, self.direction_vs, self.result = stack, rays, direction_vs, result
         self.starts_on_surface = starts_on_surface
         dtype = rays.s_begin.dtype
-        self.padded = np.array([[field.padded_width], [field.padded_height]], dtype=dtype)
-        # One slot per level for each of the four ways to mirror
-        level = np.arange(field.levels, dtype=np.int64)
-        last_column = (field.padded_width >> level) - 1
-        last_row = ((field.padded_height >> level) - 1) * field.stride
+        self.padded = np.array([[stack.padded_width], [stack.padded_height]], dtype=dtype)
+        # One slot per level for each of the four ways to mirror, for each field
+        level = np.arange(stack.levels, dtype=np.int64)
+        last_column = (stack.padded_width >> level) - 1
+        last_row = ((stack.padded_height >> level) - 1) * stack.stride
         self.base_of_slot = np.concatenate(
-            [field.origins + (i & 1) * last_column + (i >> 1) * last_row for i in range(4)]
+            [
+                field * stack.cells_per_field + stack.origins + (way & 1) * last_column + (way >> 1) * last_row
+                for field in range(len(stack.fields))
+                for way in range(4)
+            ]
         )
-        self.size_of_slot = np.tile((1 << level).astype(dtype), 4)
-        self.top_size = float(1 << (field.levels - 1))
+        self.size_of_slot = np.tile((1 << level).astype(dtype), 4 * len(stack.fields))
+        self.top_size = float(1 << (stack.levels - 1))
         self.waiting = np.flatnonzero(rays.s_begin < np.inf)  # the others never lie over the frame
         capacity = min(CAPACITY, self.waiting.shape[0])
         self.id = np.empty(0, dtype=np.int64)
@@ -85,7 +89,7 @@ class Walk:
         self.masks = np.empty((8, capacity), dtype=np.bool_)
         self.indices = np.empty((2, capacity), dtype=np.int64)
         # Cell numbers are exact in a float32 up to its mantissa
-        is_small = field.atlas_nearest.shape[0] < 2**24
+        is_small = stack.cells_per_field < 2**24
         self.numbers = self.scratch[8] if is_small else np.empty(capacity, dtype=np.float64)
         self.ended = 0
 
@@ -116,7 +120,7 @@ class Walk:
 
     def _place(self, ids: IntArray) -> tuple[FloatArray, IntArray]:
         """Return state and slot of rays at their start, out of the origin's own cell."""
-        field, rays = self.field, self.rays
+        stack, rays = self.stack, self.rays
         state = np.empty((_ROWS, ids.shape[0]), dtype=self.state.dtype)
         for row, component in zip((0, 1, _Q0, 3, 4, _VQ), (*rays.start, *rays.velocity), strict=True):
             component.take(ids, out=state[row], mode="clip")
@@ -124,13 +128,13 @@ class Walk:
         cell, s = state[_CELL], state[_S]
         is_mirrored = speed < 0.0
         state[_SIGN] = 1.0 - 2.0 * is_mirrored
-        slot = (is_mirrored[0] + 2 * is_mirrored[1]) * np.int64(field.levels)
+        slot = (4 * rays.field.take(ids) + is_mirrored[0] + 2 * is_mirrored[1]) * np.int64(stack.levels)
         np.copyto(start, self.padded - start, where=is_mirrored)
         np.abs(speed, out=speed)
         np.divide(1.0, speed, out=inverse)
         rays.s_begin.take(ids, out=s, mode="clip")
         # The frame's border, by the expression that the walk uses for cell borders
-        limit = np.where(is_mirrored, self.padded, [[field.camera.width], [field.camera.height]])
+        limit = np.where(is_mirrored, self.padded, [[stack.width], [stack.height]])
         s_exit = np.fmin(np.fmin(*((limit - start) * inverse)), _STRAIGHT_AT_CAMERA)
         state[_S_END] = np.minimum(np.minimum(rays.s_vanish.take(ids), rays.s_limit.take(ids)), s_exit)
         # Rays from outside begin in a border cell
@@ -187,13 +191,13 @@ class Walk:
 
     def _test_bounds(self, s_out: FloatArray, is_clear: BoolArray, is_behind: BoolArray) -> None:
         """Set `is_clear` where the ray passes its cell wholly in front of or wholly behind."""
-        field, count = self.field, self.id.shape[0]
+        stack, count = self.stack, self.id.shape[0]
         numbers, bound = self.numbers[:count], self.scratch[8, :count]
         q_in, q_out, term = self.scratch[5:8, :count]
         index, base = self.indices[:, :count]
         column, row = self.state[_CELL]
         sign_x, sign_y = self.state[_SIGN]
-        np.multiply(row, float(field.stride), out=numbers)
+        np.multiply(row, float(stack.stride), out=numbers)
         np.multiply(numbers, sign_y, out=numbers)
         np.multiply(column, sign_x, out=term)
         np.add(numbers, term, out=numbers)
@@ -204,10 +208,10 @@ class Walk:
             np.multiply(self.state[_VQ], s, out=q)
             np.add(q, self.state[_Q0], out=q)
         np.minimum(q_in, q_out, out=term)
-        np.take(field.atlas_nearest, index, out=bound, mode="clip")
+        np.take(stack.atlas_nearest, index, out=bound, mode="clip")
         np.greater(term, bound, out=is_clear)
         np.maximum(q_in, q_out, out=term)
-        np.take(field.atlas_farthest, index, out=bound, mode="clip")
+        np.take(stack.atlas_farthest, index, out=bound, mode="clip")
         np.less(term, bound, out=is_behind)
         np.logical_or(is_clear, is_behind, out=is_clear)
 
@@ -249,17 +253,17 @@ class Walk:
 
     def _meet_slabs(self, leaf: IntArray, s_out: FloatArray) -> IntArray:
         """Test rays against their level-0 cell; write hits and blocks, return the rays that stopped."""
-        field, state = self.field, self.state[_MEETING].take(leaf, axis=1)
+        stack, state = self.stack, self.state[_MEETING].take(leaf, axis=1)
         offset = state[_START] - (state[_CELL] + 0.5)
         s_in = state[_S]
-        pixel = self._pixel(state[_CELL], state[_SIGN])
-        gx = field.gradient_x.take(pixel) * state[_SIGN][0]
-        gy = field.gradient_y.take(pixel) * state[_SIGN][1]
+        pixel = self._pixel(state[_CELL], state[_SIGN], self.id.take(leaf))
+        gx = stack.gradient_x.take(pixel) * state[_SIGN][0]
+        gy = stack.gradient_y.take(pixel) * state[_SIGN][1]
         # h(s) = h0 + s * dh: how far in front of the patch's plane the ray is, in q
-        h0 = state[_Q0] - field.front.take(pixel) - gx * offset[0] - gy * offset[1]
+        h0 = state[_Q0] - stack.front.take(pixel) - gx * offset[0] - gy * offset[1]
         dh = state[_VQ] - gx * state[_SPEED][0] - gy * state[_SPEED][1]
         h_in, h_out = h0 + dh * s_in, h0 + dh * s_out
-        behind = -field.slab.take(pixel)
+        behind = -stack.slab.take(pixel)
         # From outside through the front, already inside, or from behind through the back
         meets = np.where(h_in > 0.0, h_out <= 0.0, (h_in >= behind) | (h_out >= behind))
         met = np.flatnonzero(meets)
@@ -270,7 +274,7 @@ class Walk:
         faces = self._facing(pixel, self.id.take(ray)) < 0.0
         crosses = h_in > 0.0
         # The step between two pixels of one surface is part of its front
-        is_hit = faces & (crosses | ((h_in >= behind.take(met)) & (h_in >= -field.reach.take(pixel))))
+        is_hit = faces & (crosses | ((h_in >= behind.take(met)) & (h_in >= -stack.reach.take(pixel))))
         s_met = np.where(crosses, s_in - h_in / dh, s_in)
         if self.starts_on_surface:
             stops = np.flatnonzero(faces | ~self._near_origin(state.take(met, axis=1)))
@@ -282,18 +286,22 @@ class Walk:
         self.result.distance[ids] = self._distance(self.state, ray, s_met)
         return ray
 
-    def _pixel(self, cell: FloatArray, sign: FloatArray) -> IntArray:
-        """Return flat pixel indices of mirrored level-0 cells ``(2, N)``; rounding never leaves the frame."""
-        field = self.field
-        width, height = field.camera.width, field.camera.height
+    def _pixel(self, cell: FloatArray, sign: FloatArray, ids: IntArray) -> IntArray:
+        """Return flat pixel indices of mirrored level-0 cells ``(2, N)``.
+
+        Rounding at the border stays in the frame.
+        """
+        stack = self.stack
         x, y = np.where(sign < 0.0, self.padded - 1.0 - cell, cell).astype(np.int64)
-        x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
-        pixel: IntArray = y * width + x
+        pixel = np.minimum(np.maximum(y, 0), stack.height - 1) * stack.width
+        pixel += np.minimum(np.maximum(x, 0), stack.width - 1)
+        if len(stack.fields) > 1:
+            pixel += self.rays.field.take(ids) * stack.pixels_per_field
         return pixel
 
     def _facing(self, pixel: IntArray, ids: IntArray) -> FloatArray:
         """Return n . D: negative where the ray comes toward the surface's front."""
-        normal = self.field.normal.take(pixel, axis=0)
+        normal = self.stack.normal.take(pixel, axis=0)
         dx, dy, dz = (component.take(ids) for component in self.direction_vs)
         cosine: FloatArray = normal[:, 0] * dx + normal[:, 1] * dy + normal[:, 2] * dz
         return cosine
@@ -306,7 +314,7 @@ class Walk:
 
     def _distance(self, state: FloatArray, ray: IntArray, s: FloatArray) -> FloatArray:
         """Convert s back to distance: t = s / q(s), orthographic t = s."""
-        if self.field.camera.is_orthographic:
+        if self.stack.is_orthographic:
             return s
         distance: FloatArray = s / (state[_Q0].take(ray) + state[_VQ].take(ray) * s)
         return distance
@@ -320,8 +328,10 @@ class Walk:
         self.result.distance[ids.take(over.take(left))] = distance
         over = over[vanishes]
         last = state.take(over, axis=1)
-        pixel = self._pixel(np.floor(last[_START] + last[_SPEED] * last[_S_END]), last[_SIGN])
-        self.result.status[ids.take(over[self.field.is_background.take(pixel)])] = ESCAPED
+        pixel = self._pixel(
+            np.floor(last[_START] + last[_SPEED] * last[_S_END]), last[_SIGN], ids.take(over)
+        )
+        self.result.status[ids.take(over[self.stack.is_background.take(pixel)])] = ESCAPED
 
     def _retire(self, ended: IntArray, s: FloatArray) -> None:
         """Let rays that have ended stand still: `s` is where they go next."""

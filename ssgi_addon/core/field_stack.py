@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Depth fields of one size side by side, so that rays through any of them walk together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .depth_field import DepthField
+from .types import FloatArray
+
+
+class FieldStack:
+    """The arrays of several depth fields, one after another.
+
+    A walk costs calls as well as rays, and its last rays cost as many calls as its first: six faces of a
+    surround in one walk take a third of the time of six walks.
+
+    Parameters
+    ----------
+    fields
+        Of one size and one kind of projection.
+    """
+
+    def __init__(self, fields: Sequence[DepthField]) -> None:
+        first = fields[0]
+        self.fields = tuple(fields)
+        self.width, self.height = first.camera.width, first.camera.height
+        self.is_orthographic = first.camera.is_orthographic
+        self.stride, self.levels, self.origins = first.stride, first.levels, first.origins
+        self.padded_width, self.padded_height = first.padded_width, first.padded_height
+        self.pixels_per_field = first.front.shape[0]
+        self.cells_per_field = first.atlas_nearest.shape[0]
+        self.atlas_nearest = self._join("atlas_nearest")
+        self.atlas_farthest = self._join("atlas_farthest")
+        self.is_background = self._join("is_background")
+        self.front = self._join("front")
+        self.gradient_x = self._join("gradient_x")
+        self.gradient_y = self._join("gradient_y")
+        self.slab = self._join("slab")
+        self.reach = self._join("reach")
+        self.normal = self._join("normal")
+
+    def _join(self, name: str) -> FloatArray:
+        parts = [getattr(field, name) for field in self.fields]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
