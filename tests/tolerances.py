@@ -96,3 +96,8 @@ LOBE_PIXEL = 0.03
 MIRROR_AT_MIRROR_LIMIT = 0.01
 # Share of a mirror's pixels that show a ball although their ray passes it: its rim pixels are small plates.
 MIRROR_HALO = 2e-3
+
+# Means of light after all lengths were multiplied by a number that rounds in float32.
+SCALED_SCENE_RELATIVE = 1e-4
+# Mean difference per pixel between parallel rays and those of a camera 2,000 widths away, of light about 1.
+PARALLEL_AS_FAR_AWAY = 0.01
