@@ -107,7 +107,7 @@ class DiffuseSettings:
         choices=("hemisphere",),
     )
     rays: int = option(
-        8,
+        6,
         "Directions over the hemisphere per pixel",
         label="Rays",
         unit="rays/pixel",
@@ -196,4 +196,4 @@ class Settings:
 
 
 # Diffuse rays, reflection rays, bounces.
-PRESETS = {"draft": (4, 1, 3), "balanced": (8, 4, 6), "final": (32, 16, 8)}
+PRESETS = {"draft": (4, 1, 3), "balanced": (6, 4, 6), "final": (32, 16, 8)}
