@@ -101,3 +101,9 @@ MIRROR_HALO = 2e-3
 SCALED_SCENE_RELATIVE = 1e-4
 # Mean difference per pixel between parallel rays and those of a camera 2,000 widths away, of light about 1.
 PARALLEL_AS_FAR_AWAY = 0.01
+
+# A frame cut in three against the whole: rays near the cuts start or end in pixels with other neighbours,
+# mean difference relative to the mean.
+SPLIT_FRAME = 0.02
+# Where a mirror's ray meets a wall, in scene units: hits are whole pixels, of 0.08 to 0.16 units askew.
+VIEW_HIT_UNITS = 0.2
