@@ -160,6 +160,7 @@ def surround(radius: float, albedo: float, faces: int = 24) -> list[View]:
     """Six views of 90 degrees from the centre of a ball whose walls hand on 1."""
     targets = [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
     poses = [look_at((0.0, 0.0, 0.0), target) for target in targets]
+    poses = [look_at((0.0, 0.0, 0.0), target) for target in targets]
     cameras = [Camera.perspective(faces, faces, np.pi / 2, world_from_view=pose) for pose in poses]
     ball = Sphere((0.0, 0.0, 0.0), radius, albedo=albedo, source=1.0)
     return [(capture(camera, [ball]), camera) for camera in cameras]
@@ -219,7 +220,7 @@ def test_views_of_views_see_the_sky_where_the_world_has_it():
         frame = (uniform_gbuffer((16, 16), 3.0, albedo=1.0, direct=0.0), camera)
         views = [(capture(looking, [surface]), looking)]
         results[name] = light_of(frame, views, sky, rays=64, bounces=2, reflections=False)
-    # The ground hands on light of the sky; the ceiling has its face to the dark half, but for the horizon's blend
+    # The ground hands on light of the sky; the ceiling has its face to the dark half
     assert all(light.rays["views"] > 0 for light in results.values())
     bounced = {
         name: float((light.diffuse - light.environment_diffuse).sum()) for name, light in results.items()
@@ -265,9 +266,10 @@ def test_layer_behind_answers_rays_that_pass_behind_a_foreground_object():
     np.testing.assert_allclose(
         found.glossy[answered][:, :2], point[answered][:, :2] + 10.0, atol=VIEW_HIT_UNITS
     )
-    # What the front layer had answered stays answered the same way
+    # What the front layer had answered keeps its answer, but for the next pixel beside an edge
     before = is_floor & (alone.known_glossy == 1.0)
-    np.testing.assert_array_equal(found.glossy[before], alone.glossy[before])
+    assert (found.known_glossy[before] == 1.0).all()
+    np.testing.assert_allclose(found.glossy[before], alone.glossy[before], atol=VIEW_HIT_UNITS)
 
 
 def test_layer_behind_never_shows_through_a_solid_front():
