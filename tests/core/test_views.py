@@ -168,7 +168,7 @@ def surround(radius: float, albedo: float, faces: int = 24) -> list[View]:
 
 @pytest.mark.parametrize("bounces", [1, 2, 3, 6])
 def test_light_in_a_closed_ball_is_the_geometric_series(bounces):
-    """Every wall sees walls alone: with albedo a, k bounces of walls that hand on 1 are 1 + a + ... + a^(k-1)."""
+    """Every wall sees walls alone: k bounces of walls that hand on 1 are 1 + a + ... + a^(k-1)."""
     albedo = 0.5
     camera = Camera.perspective(24, 24, 1.0)
     frame = (capture(camera, [Sphere((0.0, 0.0, 0.0), 3.0, albedo=albedo, source=1.0)]), camera)
