@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Direct light and ours together are Cycles' global illumination: no light is lost, none counted twice."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from ssgi_addon.blender.capture import CaptureOptions, capture_frame
+from ssgi_addon.blender.reference import Reference, ReferenceOptions, render_reference
+from ssgi_addon.core import Settings
+from ssgi_addon.frame import CapturedFrame
+from ssgi_addon.results import compute_picture
+from tests.scenes import build_closed_room, build_emissive_room, build_open_field
+from tests.tolerances import ACCOUNTED_COMBINED, ACCOUNTED_INDIRECT, EMITTED
+
+SIZE = (96, 54)
+BOUNCES = 2
+
+
+@dataclass(frozen=True)
+class Case:
+    frame: CapturedFrame
+    reference: Reference
+
+
+def build_room_with_glowing_ceiling():
+    """The panel lies in the ceiling: the light above a hanging one is hidden from every camera below."""
+    scene = build_emissive_room()
+    scene.objects["Glowing Panel"].location.z += 0.1
+    return scene
+
+
+@pytest.fixture(
+    scope="module",
+    name="case",
+    params=[build_closed_room, build_open_field, build_room_with_glowing_ceiling],
+    ids=["closed room", "open field", "emissive mesh"],
+)
+def captured_and_reference(request):
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    scene = request.param()
+    captured = CaptureOptions(samples=32, resolution=SIZE, surround=64, surround_samples=16)
+    truth = ReferenceOptions(
+        samples=64, denoise=False, resolution=SIZE, diffuse_bounces=BOUNCES, glossy_bounces=BOUNCES
+    )
+    return Case(capture_frame(scene, captured), render_reference(scene, truth))
+
+
+def picture_of(frame):
+    settings = Settings.preset("balanced")
+    return compute_picture(
+        frame,
+        replace(
+            settings,
+            diffuse=replace(settings.diffuse, rays=32, bounces=BOUNCES),
+            reflections=replace(settings.reflections, rays=16),
+        ),
+    )
+
+
+def added_by_cycles(case):
+    layers = case.reference.layers
+    return (
+        layers["Diffuse Color"] * layers["Diffuse Indirect"]
+        + layers["Glossy Color"] * layers["Glossy Indirect"]
+    )
+
+
+def mean(image):
+    return float(image.mean(dtype=float))
+
+
+def test_picture_has_the_light_of_cycles(case):
+    combined = picture_of(case.frame).combined
+    assert mean(combined) == pytest.approx(mean(case.reference.combined), rel=ACCOUNTED_COMBINED)
+    added = mean(combined - case.frame.gbuffer.direct)
+    assert added == pytest.approx(mean(added_by_cycles(case)), rel=ACCOUNTED_INDIRECT)
+
+
+def test_what_the_frame_does_not_show_is_missing_and_not_made_up(case):
+    alone = picture_of(replace(case.frame, views=()))
+    share = mean(alone.combined - case.frame.gbuffer.direct) / mean(added_by_cycles(case))
+    assert 0.2 < share < 1.0
+
+
+def test_sky_and_emitters_show_their_own_light_once(case):
+    """Where next to nothing is reflected, both pictures are the light that is sent out."""
+    layers, combined = case.reference.layers, case.reference.combined
+    shines = (layers["Emission"] + layers["Environment"]).mean(axis=-1)
+    is_emitter = shines > 0.9 * combined.mean(axis=-1)
+    if not is_emitter.any():
+        pytest.skip("nothing shines into this camera")
+    ours = picture_of(case.frame).combined
+    assert mean(ours[is_emitter]) == pytest.approx(mean(combined[is_emitter]), rel=EMITTED)
