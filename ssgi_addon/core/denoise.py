@@ -10,6 +10,8 @@ leave luminance out: single pixels of few rays are too far apart to be told from
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from . import parallel
@@ -17,11 +19,12 @@ from .camera import Camera
 from .frame_points import surface_points
 from .gbuffer import GBuffer
 from .light import luminance
-from .types import FloatArray, IntArray
+from .types import BoolArray, FloatArray, IntArray
 
 # A neighbour one pixel's footprint times this off the tangent plane no longer counts.
 _PLANE_WIDTH = 1.0
-_NORMAL_POWER = 32
+# The cosine between normals counts to the power of 2 to this.
+_NORMAL_SQUARINGS = 5
 # Luminance differences count in units of this many standard deviations.
 _LUMINANCE_WIDTH = 4.0
 # Passes that leave luminance out.
@@ -36,7 +39,7 @@ def filter_light(
     camera: Camera,
     signal: FloatArray,
     variance: FloatArray,
-    levels: FloatArray,
+    levels: IntArray,
     threads: int | None,
 ) -> FloatArray:
     """Smooth noisy light along surfaces.
@@ -57,82 +60,108 @@ def filter_light(
     (H, W, C)
         The smoothed signal; pixels with no level or no surface are unchanged.
     """
+    guide = _Guide.of(gbuffer, camera)
     height, width = gbuffer.shape
-    everywhere = np.arange(height * width)
-    with np.errstate(invalid="ignore"):  # on the optical axis a point of the background is no number
-        position, normal = surface_points(gbuffer, camera, everywhere)
-    is_background = gbuffer.is_background
-    position = np.where(is_background.reshape(-1), 0.0, position).reshape(3, height, width)
-    normal = normal.reshape(3, height, width)
-    footprint = -position[2] / max(camera.fx, camera.fy) if not camera.is_orthographic else 1.0 / camera.fx
-    with np.errstate(divide="ignore"):
-        per_footprint = np.where(is_background, 0.0, 1.0 / footprint)
-    guide = (position, normal, per_footprint.astype(signal.dtype))
     for level in range(int(levels.max(initial=0))):
-        smooth = np.empty_like(signal)
-        remaining = np.empty_like(variance)
-        noise = None if level < _GEOMETRIC_LEVELS else _local_mean(variance)
-        is_active = (levels > level) & ~is_background
-
-        def work(rows: IntArray, signal=signal, variance=variance, smooth=smooth, remaining=remaining, noise=noise,
-                 is_active=is_active, step=1 << level) -> None:
-            band = slice(rows[0], rows[-1] + 1)
-            smooth[band], remaining[band] = _filter_rows(signal, variance, noise, guide, is_active, band, step)
-
-        parallel.run_chunks(work, parallel.split(np.arange(height), max(1, 65536 // width)), threads)
-        signal, variance = smooth, remaining
+        is_active = (levels > level) & ~gbuffer.is_background
+        smoothing = _Pass(guide, signal, variance, is_active, 1 << level, level >= _GEOMETRIC_LEVELS)
+        rows = parallel.split(np.arange(height), max(1, 65536 // width))
+        parallel.run_chunks(smoothing.filter_rows, rows, threads)
+        signal, variance = smoothing.smooth, smoothing.remaining
     return signal
 
 
-def _filter_rows(
-    signal: FloatArray,
-    variance: FloatArray,
-    noise: FloatArray | None,
-    guide: tuple[FloatArray, FloatArray, FloatArray],
-    is_active: FloatArray,
-    band: slice,
-    step: int,
-) -> tuple[FloatArray, FloatArray]:
-    """Return one à-trous pass over a band of rows, and the variance that remains."""
-    height, width = variance.shape
-    position, normal, per_footprint = guide
-    centre_signal = signal[band]
-    brightness = luminance(signal[..., :3])
-    if noise is not None:
-        inverse_noise = 1.0 / (_LUMINANCE_WIDTH * np.sqrt(noise[band]) + 1e-6 * brightness[band] + 1e-20)
-    total = np.ones_like(variance[band])
-    value = centre_signal.copy()
-    squared = variance[band].copy()
-    for dy, dx, kernel in _TAPS:
-        top, bottom = max(band.start, -dy * step), min(band.stop, height - dy * step)
-        left, right = max(0, -dx * step), min(width, width - dx * step)
-        if top >= bottom or left >= right:
-            continue
-        here = (slice(top, bottom), slice(left, right))
-        there = (slice(top + dy * step, bottom + dy * step), slice(left + dx * step, right + dx * step))
-        inner = (slice(top - band.start, bottom - band.start), slice(left, right))
-        off_plane = np.zeros(variance[here].shape, dtype=variance.dtype)
+@dataclass(frozen=True, eq=False)
+class _Guide:
+    """What tells surfaces apart: positions and normals (3, H, W), and 1 / the size of a pixel there."""
+
+    position: FloatArray
+    normal: FloatArray
+    per_footprint: FloatArray
+
+    @classmethod
+    def of(cls, gbuffer: GBuffer, camera: Camera) -> _Guide:
+        height, width = gbuffer.shape
+        is_background = gbuffer.is_background
+        with np.errstate(invalid="ignore"):  # on the optical axis a point of the background is no number
+            position, normal = surface_points(gbuffer, camera, np.arange(height * width))
+        position = np.where(is_background.reshape(-1), 0.0, position).reshape(3, height, width)
+        scale = 1.0 if camera.is_orthographic else np.where(is_background, np.inf, gbuffer.depth)
+        per_footprint = np.broadcast_to(max(camera.fx, camera.fy) / scale, (height, width))
+        dtype = gbuffer.depth.dtype
+        return cls(position.astype(dtype), normal.reshape(3, height, width), per_footprint.astype(dtype))
+
+
+class _Pass:
+    """One à-trous pass: what it reads, and `smooth` and `remaining`, which it fills row by row."""
+
+    def __init__(
+        self,
+        guide: _Guide,
+        signal: FloatArray,
+        variance: FloatArray,
+        is_active: BoolArray,
+        step: int,
+        uses_luminance: bool,
+    ) -> None:
+        self.guide, self.signal, self.variance = guide, signal, variance
+        self.is_active, self.step, self.uses_luminance = is_active, step, uses_luminance
+        self.smooth, self.remaining = np.empty_like(signal), np.empty_like(variance)
+        if uses_luminance:
+            self.brightness = luminance(signal[..., :3])
+            noise = _LUMINANCE_WIDTH * np.sqrt(_local_mean(variance))
+            self.inverse_noise = 1.0 / (noise + 1e-6 * self.brightness + 1e-20)
+
+    def filter_rows(self, rows: IntArray) -> None:
+        """Filter a band of consecutive rows."""
+        band = slice(int(rows[0]), int(rows[-1]) + 1)
+        height, width = self.variance.shape
+        total = np.ones_like(self.variance[band])
+        value = self.signal[band].copy()
+        squared = self.variance[band].copy()
+        for dy, dx, kernel in _TAPS:
+            down, right = dy * self.step, dx * self.step
+            y = slice(max(band.start, -down), min(band.stop, height - down))
+            x = slice(max(0, -right), min(width, width - right))
+            if y.start >= y.stop or x.start >= x.stop:
+                continue
+            here = (y, x)
+            there = (slice(y.start + down, y.stop + down), slice(x.start + right, x.stop + right))
+            inner = (slice(y.start - band.start, y.stop - band.start), x)
+            weight = kernel * self._similarity(here, there)
+            total[inner] += weight
+            value[inner] += weight[..., None] * self.signal[there]
+            squared[inner] += weight * weight * self.variance[there]
+        inverse = 1.0 / total
+        self.smooth[band] = value * inverse[..., None]
+        self.remaining[band] = squared * inverse * inverse
+
+    def _similarity(self, here: tuple[slice, slice], there: tuple[slice, slice]) -> FloatArray:
+        """Return how much the pixels `there` count for those `here`, 0..1."""
+        guide = self.guide
+        off_plane = np.zeros(self.variance[here].shape, dtype=self.variance.dtype)
         aligned = np.zeros_like(off_plane)
-        for axis in range(3):
-            off_plane += (position[axis][there] - position[axis][here]) * normal[axis][here]
-            aligned += normal[axis][there] * normal[axis][here]
-        distance = np.abs(off_plane) * per_footprint[here] * (1.0 / (_PLANE_WIDTH * step))
-        weight = kernel * np.maximum(aligned, 0.0) ** _NORMAL_POWER
+        for position, normal in zip(guide.position, guide.normal, strict=True):
+            off_plane += (position[there] - position[here]) * normal[here]
+            aligned += normal[there] * normal[here]
+        weight = np.maximum(aligned, 0.0)
+        for _ in range(_NORMAL_SQUARINGS):
+            np.multiply(weight, weight, out=weight)
+        distance = np.abs(off_plane) * guide.per_footprint[here] * (1.0 / (_PLANE_WIDTH * self.step))
         weight *= np.maximum(1.0 - distance, 0.0)
-        if noise is not None:
-            contrast = np.abs(brightness[there] - brightness[here]) * inverse_noise[inner]
+        if self.uses_luminance:
+            contrast = np.abs(self.brightness[there] - self.brightness[here]) * self.inverse_noise[here]
             weight *= np.maximum(1.0 - contrast, 0.0)
-        weight *= is_active[here] & is_active[there]
-        total[inner] += weight
-        value[inner] += weight[..., None] * signal[there]
-        squared[inner] += weight * weight * variance[there]
-    inverse = 1.0 / total
-    return value * inverse[..., None], squared * inverse * inverse
+        weight *= self.is_active[here] & self.is_active[there]
+        return weight
 
 
 def _local_mean(image: FloatArray) -> FloatArray:
     """Return the mean over squares of ``2 * _NOISE_RADIUS + 1`` pixels, edges repeated."""
     side = 2 * _NOISE_RADIUS + 1
-    padded = np.pad(image, _NOISE_RADIUS, mode="edge")
-    rows = sum(padded[shift : shift + image.shape[0]] for shift in range(side))
-    return sum(rows[:, shift : shift + image.shape[1]] for shift in range(side)) * (1.0 / (side * side))
+    for axis in (0, 1):
+        padding = [(_NOISE_RADIUS, _NOISE_RADIUS) if axis == other else (0, 0) for other in (0, 1)]
+        padded = np.pad(image, padding, mode="edge")
+        windows = np.lib.stride_tricks.sliding_window_view(padded, side, axis=axis)
+        image = windows.mean(axis=-1, dtype=image.dtype)
+    return image

@@ -18,6 +18,8 @@ from .types import BoolArray, FloatArray, IntArray
 MAX_LEVEL = 7
 # Bounds of a cell are widened by this much of themselves, so that rounding never makes them cut into a patch.
 _BOUND_MARGIN = 1e-6
+# Neighbours farther apart than this share of the distance (orthographic: of the width) are two surfaces.
+_LARGEST_STEP = 0.1
 # A normal confirms a neighbour's difference in q when its plane predicts it to within this fraction.
 _CONFIRMED = 0.02
 
@@ -120,7 +122,7 @@ class DepthField:
             gradient_x=gradient_x.ravel(),
             gradient_y=gradient_y.ravel(),
             slab=slab.ravel(),
-            reach=np.maximum(footprint + tilt, _step_to_border(q, slab)).astype(q.dtype).ravel(),
+            reach=np.maximum(footprint + tilt, _step_to_border(q, slab, camera)).astype(q.dtype).ravel(),
             normal=gbuffer.normal.reshape(-1, 3),
             atlas_nearest=atlas_nearest,
             atlas_farthest=atlas_farthest,
@@ -169,7 +171,7 @@ def _patch_gradients(
 
 
 def _differences(q: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
-    """Return the differences to the pixels before and after; at the image's border the one there is, twice."""
+    """Return the differences to the pixels before and after; at the border the one there is, twice."""
     difference = np.diff(q, axis=axis)
     if not difference.size:
         return np.zeros_like(q), np.zeros_like(q)
@@ -180,7 +182,8 @@ def _differences(q: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
 def _limit_to_neighbours(gradient: FloatArray, q: FloatArray, axis: int) -> FloatArray:
     """Limit gradients to the smaller difference of their own sign, or to the larger one that they confirm."""
     before, after = _differences(q, axis)
-    gradient = np.nan_to_num(gradient, nan=0.0)  # an edge-on normal has no finite gradient: 0 is as good as any
+    # An edge-on normal has no finite gradient: 0 is as good as any
+    gradient = np.nan_to_num(gradient, nan=0.0)
     sign = np.where(gradient < 0.0, -1.0, 1.0).astype(q.dtype)
     before, after = np.maximum(sign * before, 0.0), np.maximum(sign * after, 0.0)
     small, big = np.minimum(before, after), np.maximum(before, after)
@@ -189,13 +192,19 @@ def _limit_to_neighbours(gradient: FloatArray, q: FloatArray, axis: int) -> Floa
     return sign * np.minimum(np.abs(gradient), limit)
 
 
-def _step_to_border(q: FloatArray, slab: FloatArray) -> FloatArray:
-    """Return half the largest difference to a neighbour of the same surface, one no farther than the slab."""
+def _step_to_border(q: FloatArray, slab: FloatArray, camera: Camera) -> FloatArray:
+    """Return half the largest difference to a neighbour of the same surface.
+
+    That is one within the slab, and within a fixed share of the distance: however thick a thing is, its
+    invisible side must not be lit by its front.
+    """
+    near = _LARGEST_STEP * (camera.width / camera.fx if camera.is_orthographic else np.abs(q))
+    largest = np.minimum(slab, near)
     step = np.zeros_like(q)
     for axis in (0, 1):
         for difference in _differences(q, axis):
             size = np.abs(difference)
-            step = np.maximum(step, np.where(size <= slab, 0.5 * size, 0.0))
+            step = np.maximum(step, np.where(size <= largest, 0.5 * size, 0.0))
     return step
 
 

@@ -16,12 +16,11 @@ from .depth_field import MAX_LEVEL
 from .environment import Environment
 from .gbuffer import GBuffer
 from .light import IndirectLight, luminance
+from .planner import is_colored, plan_passes
 from .scene import TraceScene, View
 from .settings import Settings
 from .types import FloatArray, IntArray
 
-# Colours below this change no pixel of an 8-bit picture, whatever light they receive within its range.
-_BLACK = 1e-4
 _DIFFUSE_LEVELS = 4
 # Further views only light others: their noise is averaged by the rays that hit them.
 _MOST_VIEW_RAYS = 2
@@ -59,21 +58,23 @@ def render_indirect(
     """
     _check_types(gbuffer, camera, settings, environment, views)
     run = _Run(gbuffer, camera, settings, environment, progress)
-    diffuse_pixels, glossy_pixels = run.plan()
-    max_level = 0 if settings.reflections.method == "linear" and not diffuse_pixels.size else MAX_LEVEL
+    plan = run.plan
+    max_level = 0 if settings.reflections.method == "linear" and not plan.diffuse.size else MAX_LEVEL
     with run.timed("pyramid"):
         run.scene = TraceScene(gbuffer, camera, views, settings, max_level=max_level)
     with run.timed("diffuse"):
-        run.trace_diffuse(diffuse_pixels)
+        run.trace_diffuse(plan.diffuse)
     with run.timed("reflections"):
-        if settings.reflections.method == "linear" and max_level and glossy_pixels.size:
+        if settings.reflections.method == "linear" and max_level and plan.reflections.size:
             run.scene = TraceScene(gbuffer, camera, views, settings, max_level=0)
-        run.trace_reflections(glossy_pixels)
+        run.trace_reflections(plan.reflections)
     run.report(1.0, "Done")
     return run.result()
 
 
-def _check_types(gbuffer: object, camera: object, settings: object, environment: object, views: object) -> None:
+def _check_types(
+    gbuffer: object, camera: object, settings: object, environment: object, views: object
+) -> None:
     expected = (("gbuffer", gbuffer, GBuffer), ("camera", camera, Camera), ("settings", settings, Settings))
     for name, value, kind in expected:
         if not isinstance(value, kind):
@@ -116,7 +117,7 @@ class _Run:
         self.known_diffuse = np.ones_like(self.visibility)
         self.known_glossy = np.ones_like(self.visibility)
         self.samples: dict[int, diffuse.HemisphereSamples] = {}  # by view
-        self.skipped: list[tuple[str, str]] = []
+        self.plan = plan_passes(gbuffer, settings, environment)
         self.seconds: dict[str, float] = {}
         self.rays: dict[str, int] = {"diffuse": 0, "reflections": 0}
 
@@ -126,32 +127,6 @@ class _Run:
 
     def timed(self, name: str) -> _Timer:
         return _Timer(self.seconds, name)
-
-    def plan(self) -> tuple[IntArray, IntArray]:
-        """Decide which pixels need diffuse and which need reflection rays; say what is left out."""
-        is_surface = ~self.gbuffer.is_background.reshape(-1)
-        surfaces = int(is_surface.sum())
-        chosen = []
-        for name, color, part in (
-            ("diffuse", self.gbuffer.albedo, self.settings.diffuse),
-            ("reflections", self.gbuffer.specular, self.settings.reflections),
-        ):
-            is_needed = is_surface & (color.reshape(-1, 3).max(axis=1) > _BLACK)
-            pixels = np.flatnonzero(is_needed) if part.enabled else np.empty(0, dtype=np.int64)
-            chosen.append(pixels)
-            if not part.enabled:
-                self.skipped.append((name, "switched off"))
-            elif not surfaces:
-                self.skipped.append((name, "no surface in the frame"))
-            elif not pixels.size:
-                self.skipped.append((name, "no surface in the frame has such a colour"))
-            elif pixels.size < surfaces:
-                self.skipped.append((f"{name} of {surfaces - pixels.size} pixels", "their colour is black"))
-        if surfaces < is_surface.size:
-            self.skipped.append((f"{is_surface.size - surfaces} pixels", "background"))
-        if self.environment is None:
-            self.skipped.append(("environment light", "none given, or the direct light already holds it"))
-        return chosen[0], chosen[1]
 
     def trace_diffuse(self, pixels: IntArray) -> None:
         """Fill diffuse, environment_diffuse, visibility, known_diffuse and earlier_bounces."""
@@ -179,8 +154,7 @@ class _Run:
         settings = replace(self.settings, diffuse=replace(self.settings.diffuse, rays=rays))
         for home in range(1, len(self.scene.views)):
             front = self.scene.views[home].layers[0]
-            is_needed = ~front.is_background & (front.albedo.max(axis=-1) > _BLACK)
-            pixels = np.flatnonzero(is_needed)
+            pixels = np.flatnonzero(~front.is_background & is_colored(front.albedo))
             if pixels.size:
                 self.samples[home] = diffuse.sample_hemispheres(
                     self.scene, home, source, self.environment, settings, pixels
@@ -232,12 +206,12 @@ class _Run:
 
     def _smooth_diffuse(self, samples: diffuse.HemisphereSamples) -> None:
         signal = np.concatenate([self.diffuse, self.environment_diffuse, self.visibility[:, None]], axis=1)
-        smooth = self._smooth(0, signal, samples.pixel, samples.variance, np.int64(_DIFFUSE_LEVELS))
+        smooth = self._smooth(0, signal, samples.pixel, samples.variance, _DIFFUSE_LEVELS)
         self.diffuse, self.environment_diffuse = smooth[:, :3].copy(), smooth[:, 3:6].copy()
         self.visibility = np.minimum(smooth[:, 6], 1.0)
 
     def _smooth(
-        self, home: int, signal: FloatArray, pixel: IntArray, variance: FloatArray, levels: IntArray
+        self, home: int, signal: FloatArray, pixel: IntArray, variance: FloatArray, levels: IntArray | int
     ) -> FloatArray:
         """Smooth a view's signal (pixels, C); variance and filter levels belong to the listed pixels."""
         view = self.scene.views[home]
@@ -258,7 +232,7 @@ class _Run:
         for home, samples in self.samples.items():
             texels = self.scene.front_texels(home)
             self.earlier_bounces[texels] = self._smooth(
-                home, self.earlier_bounces[texels], samples.pixel, samples.variance, np.int64(_DIFFUSE_LEVELS)
+                home, self.earlier_bounces[texels], samples.pixel, samples.variance, _DIFFUSE_LEVELS
             )
 
     def trace_reflections(self, pixels: IntArray) -> None:
@@ -303,7 +277,7 @@ class _Run:
             known_glossy=_image(self.known_glossy, (height, width)),
             known=_image(np.minimum(known, 1.0), (height, width)),
             environment_diffuse=_image(self.environment_diffuse, (height, width, 3)),
-            skipped=tuple(self.skipped),
+            skipped=self.plan.skipped,
             seconds=dict(self.seconds),
             rays=dict(self.rays),
         )

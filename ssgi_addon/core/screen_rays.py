@@ -49,8 +49,8 @@ class ScreenRays:
     """Rays as lines (x, y, q)(s) = start + s * velocity.
 
     They lie over the frame from ``s_begin`` on (0 where they start there, +inf where they never do), reach
-    q_end at ``s_vanish`` and their largest distance at ``s_limit``; ``field`` is the index of the field in its
-    stack that each one walks.
+    q_end at ``s_vanish`` and their largest distance at ``s_limit``; ``field`` is the index, in its stack, of
+    the field that each one walks.
     """
 
     start: tuple[FloatArray, FloatArray, FloatArray]

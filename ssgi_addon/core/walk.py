@@ -71,13 +71,9 @@ class Walk:
         level = np.arange(stack.levels, dtype=np.int64)
         last_column = (stack.padded_width >> level) - 1
         last_row = ((stack.padded_height >> level) - 1) * stack.stride
-        self.base_of_slot = np.concatenate(
-            [
-                field * stack.cells_per_field + stack.origins + (way & 1) * last_column + (way >> 1) * last_row
-                for field in range(len(stack.fields))
-                for way in range(4)
-            ]
-        )
+        ways = [stack.origins + x * last_column + y * last_row for y in (0, 1) for x in (0, 1)]
+        first_cells = stack.cells_per_field * np.arange(len(stack.fields))
+        self.base_of_slot = (first_cells[:, None] + np.concatenate(ways)).ravel()
         self.size_of_slot = np.tile((1 << level).astype(dtype), 4 * len(stack.fields))
         self.top_size = float(1 << (stack.levels - 1))
         self.waiting = np.flatnonzero(rays.s_begin < np.inf)  # the others never lie over the frame
@@ -293,7 +289,7 @@ class Walk:
         """
         stack = self.stack
         x, y = np.where(sign < 0.0, self.padded - 1.0 - cell, cell).astype(np.int64)
-        pixel = np.minimum(np.maximum(y, 0), stack.height - 1) * stack.width
+        pixel: IntArray = np.minimum(np.maximum(y, 0), stack.height - 1) * stack.width
         pixel += np.minimum(np.maximum(x, 0), stack.width - 1)
         if len(stack.fields) > 1:
             pixel += self.rays.field.take(ids) * stack.pixels_per_field
@@ -328,9 +324,7 @@ class Walk:
         self.result.distance[ids.take(over.take(left))] = distance
         over = over[vanishes]
         last = state.take(over, axis=1)
-        pixel = self._pixel(
-            np.floor(last[_START] + last[_SPEED] * last[_S_END]), last[_SIGN], ids.take(over)
-        )
+        pixel = self._pixel(np.floor(last[_START] + last[_SPEED] * last[_S_END]), last[_SIGN], ids.take(over))
         self.result.status[ids.take(over[self.stack.is_background.take(pixel)])] = ESCAPED
 
     def _retire(self, ended: IntArray, s: FloatArray) -> None:
