@@ -19,6 +19,7 @@ from ssgi_addon.errors import SSGIError
 from ssgi_addon.exr import read_layers
 from ssgi_addon.job_options import JobOptions
 from tests.blender.fingerprint import changes, fingerprint
+from tests.blender.test_roughness import add_tile, look_down, material_of
 from tests.scenes import build_closed_room, build_mirror_floor
 
 SIZE = (48, 27)
@@ -96,6 +97,25 @@ def test_scene_is_as_before_when_a_step_fails(room, options, monkeypatch, step):
         render_frames(room, replace(options, frames=(3,), compare=True))
     assert changes(before, fingerprint()) == {}
     assert not (options.output / "report.json").exists()
+
+
+def test_materials_of_every_origin_are_as_before(empty_file, options, tmp_path):
+    """Linked from a library, made of node groups, without nodes, and none at all."""
+    library = str(tmp_path / "library.blend")
+    bpy.data.libraries.write(library, {material_of("nested groups")})
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    with bpy.data.libraries.load(library, link=True) as (_, linked):
+        linked.materials = ["nested groups"]
+    without_nodes = bpy.data.materials.new("without nodes")
+    if bpy.app.version < (5, 0, 0):
+        without_nodes.use_nodes = False
+    materials = [linked.materials[0], material_of("group used twice"), without_nodes, None]
+    for index, material in enumerate(materials):
+        add_tile(bpy.context.scene, index, material)
+    look_down(bpy.context.scene, len(materials))
+    before = fingerprint()
+    assert render_frame(bpy.context.scene, options).exr_path.is_file()
+    assert changes(before, fingerprint()) == {}
 
 
 # --- What is written --------------------------------------------------------------------------------------
