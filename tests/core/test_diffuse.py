@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ssgi_addon.core import Camera, Environment, GBuffer, IndirectLight, render_indirect
+from ssgi_addon.core import Camera, Environment, GBuffer, IndirectLight, diffuse, render_indirect
 from ssgi_addon.core.depth_field import DepthField
 from tests.core.synthetic import Plane, Sphere, capture, make_settings, random_gbuffer, uniform_gbuffer
 from tests.reference.hemisphere_gather import gather
@@ -292,3 +292,11 @@ def test_depth_and_colour_of_noise_give_light_in_range(rng):
         assert image.min() >= 0.0
         assert image.max() <= 1.0
     assert (light.environment_diffuse <= light.diffuse + REPEATED_SUM).all()
+
+
+def test_variance_is_that_of_the_mean_of_independent_samples(rng):
+    values = rng.gamma(0.5, 2.0, (7, 50))
+    expected = values.var(axis=0, ddof=1) / 7
+    np.testing.assert_allclose(diffuse._variance_of_mean(values), expected, rtol=REPEATED_SUM)
+    # One sample says nothing of its own noise
+    np.testing.assert_array_equal(diffuse._variance_of_mean(values[:1]), values[0] ** 2)

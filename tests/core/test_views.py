@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ssgi_addon.core import Camera, Environment, GBuffer, IndirectLight, render_indirect
+from ssgi_addon.core import Camera, Environment, GBuffer, IndirectLight, Settings, render_indirect, tracer
+from ssgi_addon.core.scene import TraceScene
 from tests.core.synthetic import Plane, Sphere, capture, look_at, make_settings, uniform_gbuffer
 from tests.tolerances import (
     CLOSED_FORM_RELATIVE,
@@ -292,3 +293,25 @@ def test_layers_of_further_views_answer_too():
     light = light_of(mirror, [(gbuffer, view[1])], diffuse=False)
     assert set(np.unique(light.glossy[2:-2, 2:14])) == {7.0}
     assert set(np.unique(light.glossy[2:-2, 18:-2])) == {5.0}
+
+
+@pytest.mark.parametrize(
+    ("front", "thickness", "layer"),
+    [(8.0, 1.2, None), (3.0, 6.0, 1), (3.0, 4.0, 0)],
+    ids=["too far", "within", "past"],
+)
+def test_blocked_ray_takes_answers_of_other_layers_as_far_as_the_blocker_is_thick(front, thickness, layer):
+    """A strip before a wall: a ray from beside it to the wall 7 units on meets the strip's side."""
+    depth = np.full((3, 33), 10.0)
+    depth[:, 14:19] = front
+    behind = uniform_gbuffer((3, 33), 10.0)
+    frame = replace(uniform_gbuffer((3, 33), depth), thickness=np.full((3, 33), thickness), behind=behind)
+    camera = Camera.perspective(33, 3, 1.0)
+    origin = camera.pixel_to_view(np.array([6.5]), np.array([1.5]), np.array([8.2])).T.astype(np.float32)
+    target = camera.pixel_to_view(np.array([28.5]), np.array([1.5]), np.array([10.0])).T
+    direction = ((target - origin) / np.linalg.norm(target - origin)).astype(np.float32)
+    answers = TraceScene(frame, camera, (), Settings()).answer(origin, direction)
+    nothing = 2 * depth.size
+    wall = 33 + 28
+    expected = (tracer.BLOCKED, nothing) if layer is None else (tracer.HIT, layer * depth.size + wall)
+    assert (answers.status[0], answers.texel[0]) == expected
