@@ -21,7 +21,8 @@ UNIT_NORMAL = 1e-5
 # Half floats hold 11 bits of mantissa.
 HALF_RELATIVE = 2.0**-11
 
-# Compositor: a handful of float32 operations on values below 10 (measured at most 1e-6), and the contract's bound.
+# Compositor: a handful of float32 operations on values below 10 (measured at most 1e-6), and the
+# contract's bound.
 COMPOSITED = 1e-4
 
 # Demo scene: the share of pixels that get most of their light from bounces, or the effect would not show
@@ -45,8 +46,8 @@ PASS_SUM_RELATIVE = 1e-5
 # Light of one sample against light of many: what noise leaves of a mean over some hundred pixels, relative.
 MEAN_OF_NOISY_PIXELS = 0.1
 
-# Depth of a pixel's one sample against the surface at its centre, relative: the sample's jitter (0.005 pixels of
-# a face with 12) on surfaces that stand askew.
+# Depth of a pixel's one sample against the surface at its centre, relative: the sample's jitter
+# (0.005 pixels of a face with 12) on surfaces that stand askew.
 SURROUND_DEPTH = 0.01
 
 # Distances along rays, relative, after a float64 walk and its scalar twin, which sum in another order.
@@ -85,8 +86,8 @@ CLOSED_FORM_RELATIVE = 0.02
 # The same float32 sum in another order, relative.
 REPEATED_SUM = 1e-5
 
-# A mirror shows whole pixels: the centre of the one it met is half a pixel off at most, or, where the crossing
-# lies on a border between pixels, in the next one.
+# A mirror shows whole pixels: the centre of the one it met is half a pixel off at most, or, where the
+# crossing lies on a border between pixels, in the next one.
 MIRROR_HIT_PX = 1.0
 # Share of a mirror's pixels that show the neighbour of the pixel that geometry says.
 MIRROR_PIXELS_OFF = 0.01

@@ -270,10 +270,14 @@ class Walk:
         faces = self._facing(pixel, self.id.take(ray)) < 0.0
         crosses = h_in > 0.0
         # The step between two pixels of one surface is part of its front
-        is_hit = faces & (crosses | ((h_in >= behind.take(met)) & (h_in >= -stack.reach.take(pixel))))
+        reach = stack.reach.take(pixel)
+        if self.starts_on_surface:
+            away = self._cells_from_origin(state.take(met, axis=1))
+            reach += np.where(away <= 1.0, self._rise_in_own_cell(ray), 0.0)
+        is_hit = faces & (crosses | ((h_in >= behind.take(met)) & (h_in >= -reach)))
         s_met = np.where(crosses, s_in - h_in / dh, s_in)
         if self.starts_on_surface:
-            stops = np.flatnonzero(faces | ~self._near_origin(state.take(met, axis=1)))
+            stops = np.flatnonzero(faces | (away > _SELF_CONTACT_PX))
             ray, s_met = ray.take(stops), s_met.take(stops)
             is_hit, pixel = is_hit.take(stops), pixel.take(stops)
         ids = self.id.take(ray)
@@ -303,10 +307,18 @@ class Walk:
         return cosine
 
     @staticmethod
-    def _near_origin(state: FloatArray) -> BoolArray:
+    def _cells_from_origin(state: FloatArray) -> FloatArray:
         away = np.abs(state[_CELL] - np.floor(state[_START]))
-        is_near: BoolArray = np.maximum(away[0], away[1]) <= _SELF_CONTACT_PX
-        return is_near
+        return np.maximum(away[0], away[1])
+
+    def _rise_in_own_cell(self, ray: IntArray) -> FloatArray:
+        """Return how far the origin's own patch may have carried a ray in q before its cell ended.
+
+        Where two surfaces meet within a pixel, the ray met the second one inside its own cell, untested.
+        """
+        start, sign = self.state[_START].take(ray, axis=1), self.state[_SIGN].take(ray, axis=1)
+        home = self._pixel(np.floor(start), sign, self.id.take(ray))
+        return 0.5 * (np.abs(self.stack.gradient_x.take(home)) + np.abs(self.stack.gradient_y.take(home)))
 
     def _distance(self, state: FloatArray, ray: IntArray, s: FloatArray) -> FloatArray:
         """Convert s back to distance: t = s / q(s), orthographic t = s."""

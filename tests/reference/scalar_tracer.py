@@ -110,11 +110,16 @@ def _meet(field, ix, iy, start, velocity, direction, s_in, s_out, home):
 
     h_in, h_out, slab = height_at(s_in), height_at(s_out), float(field.slab[pixel])
     faces = sum(float(n) * d for n, d in zip(field.normal[pixel], direction, strict=True)) < 0.0
-    is_own = home is not None and not faces and max(abs(ix - home[0]), abs(iy - home[1])) <= 2
+    away = math.inf if home is None else max(abs(ix - home[0]), abs(iy - home[1]))
+    is_own = not faces and away <= 2
+    reach = float(field.reach[pixel])
+    if away <= 1:  # the origin's own patch reaches half a pixel
+        own = home[1] * field.camera.width + home[0]
+        reach += 0.5 * (abs(float(field.gradient_x[own])) + abs(float(field.gradient_y[own])))
     if h_in > 0.0 and h_out <= 0.0:
         answer = (tracer.HIT if faces else tracer.BLOCKED, s_in + (s_out - s_in) * h_in / (h_in - h_out))
     elif -slab <= h_in <= 0.0:
-        is_step = h_in >= -float(field.reach[pixel])
+        is_step = h_in >= -reach
         answer = (tracer.HIT if faces and is_step else tracer.BLOCKED, s_in)
     elif h_in < -slab and h_out >= -slab:
         answer = (tracer.BLOCKED, s_in)
