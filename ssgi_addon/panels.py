@@ -100,10 +100,11 @@ class SSGI_PT_output(_RenderPanel, bpy.types.Panel):
 
 
 def _draw_options(layout, group, settings_type):
-    """Draw every option of a settings dataclass but the one that the panel's header shows."""
+    """Draw the options of a settings dataclass that leave a choice, without the one in the panel's header."""
     column = layout.column()
     for item in fields(settings_type):
-        if item.metadata and item.name != "enabled":
+        choices = item.metadata.get("choices") or ()
+        if item.metadata and item.name != "enabled" and len(choices) != 1:
             column.prop(group, item.name)
 
 

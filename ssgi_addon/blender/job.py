@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import itertools
 import platform
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -69,7 +71,9 @@ def run_job(scene_path: Path | None, options: JobOptions, progress: Progress | N
         If the scene cannot be opened or captured, or a result cannot be written.
     """
     check_writable(options.output)
-    if scene_path is not None:
+    if scene_path is None:
+        _refuse_unread_file()
+    else:
         open_scene(scene_path)
     report, _ = render_frames(bpy.context.scene, options, progress)
     return report
@@ -270,6 +274,14 @@ def _write_comparison(
     where = f"{Path(bpy.data.filepath).stem or scene.name}, frame {record['frame']}, {width} x {height}"
     note = f"{where} · {record['known']:.0%} of the samples answered by what was captured"
     write_contact_sheet(path, panels, ["\t".join(cells), "\t".join(times), note])
+
+
+def _refuse_unread_file() -> None:
+    """Raise where Blender went on with an empty file, for it could not read the one it was started with."""
+    own_arguments = itertools.takewhile(lambda text: text not in ("-c", "--command"), sys.argv[1:])
+    named = [text for text in own_arguments if text.endswith(".blend")]
+    if named and not bpy.data.filepath:
+        raise SSGIError(f"Blender could not open {named[-1]}: check the path")
 
 
 def _refuse_old_results(options: JobOptions, frames: tuple[int, ...]) -> None:

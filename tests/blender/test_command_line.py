@@ -180,6 +180,19 @@ def test_open_scene_is_rendered_inside_blender(empty_file, tmp_path):
     assert files_below(tmp_path).keys() == {"report.json", "untitled_0001.exr", "untitled_0001.png"}
 
 
+def test_scene_that_blender_could_not_open_is_one_clear_line(empty_file, tmp_path, capfd, monkeypatch):
+    """Blender itself goes on with its startup file then."""
+    build_emissive_room()
+    line = "blender --background missing.blend --command ssgi render other.blend --output out"
+    monkeypatch.setattr(sys, "argv", line.split())
+    capfd.readouterr()
+    assert main(["render", "--output", str(tmp_path / "out"), *TINY], inside_blender=True) == 1
+    error = capfd.readouterr().err
+    assert_one_clear_line(error)
+    assert "could not open missing.blend" in error
+    assert not (tmp_path / "out").exists()
+
+
 def test_command_of_the_extension_renders_the_open_scene(extension, tmp_path):
     script = f"""
 import bl_ext.user_default.ssgi as installed
