@@ -17,17 +17,14 @@ import numpy as np
 
 from .. import __version__
 from ..errors import SSGIError
-from ..exr import write_layers
 from ..files import write_json
-from ..heatmap import error_map
 from ..job_options import JobOptions
 from ..passes import settings_to_json, write_passes
-from ..results import Picture, check_writable, compute_picture, measure_errors, peak_memory_mb, write_picture
+from ..results import Picture, check_writable, compute_picture, peak_memory_mb, write_picture
 from . import demo_scene
 from .capture import CaptureOptions, capture_frame
-from .display import to_display, write_display_png
-from .reference import Reference, ReferenceOptions, render_reference
-from .sheet import write_contact_sheet
+from .comparison import compare_with_cycles
+from .display import write_display_png
 
 Progress = Callable[[float, str], None]
 Report = dict[str, Any]
@@ -195,14 +192,8 @@ def _render_one(scene: bpy.types.Scene, frame: int, options: JobOptions, progres
     record = _record(frame, picture, seconds)
     sheet_path = None
     if options.compare:
-        reference = _render_reference(scene, frame, options, _part(progress, share, 0.9 * share))
-        record["metrics"] = measure_errors(
-            picture, reference.combined, reference.diffuse_indirect, reference.glossy_indirect
-        )
-        seconds["reference"] = reference.seconds
-        sheet_path = options.output / f"{stem}_compare.png"
-        _write_comparison(scene, picture, reference, record, options, sheet_path)
-    record["peak_memory_mb"] = peak_memory_mb()
+        rest = _part(progress, share, 0.9 * share)
+        sheet_path = compare_with_cycles(scene, picture, record, options, stem, rest)
     progress(1.0, "Done")
     return FrameResult(exr_path, png_path, sheet_path, record)
 
@@ -214,66 +205,13 @@ def _record(frame: int, picture: Picture, seconds: dict[str, float]) -> Report:
     return {
         "frame": frame,
         "seconds": seconds,
-        "peak_memory_mb": None,
+        "peak_memory_mb": peak_memory_mb(),
         "rays": dict(picture.light.rays),
         "known": float(np.mean(picture.light.known, dtype=np.float64)),
         "skipped": [{"what": what, "why": why} for what, why in picture.light.skipped],
         "notes": list(picture.frame.notes),
         "metrics": None,
     }
-
-
-def _render_reference(
-    scene: bpy.types.Scene, frame: int, options: JobOptions, progress: Progress
-) -> Reference:
-    """Render Cycles' GI at the same size and keep it beside the results, for `compare`."""
-    reference = render_reference(
-        scene,
-        ReferenceOptions(samples=options.reference_samples, resolution=options.resolution, frame=frame),
-        progress,
-    )
-    layers = {
-        "combined": reference.combined,
-        "diffuse": reference.diffuse_indirect,
-        "glossy": reference.glossy_indirect,
-    }
-    write_layers(options.output / "reference" / f"{_stem(frame)}.exr", layers)
-    return reference
-
-
-def _write_comparison(
-    scene: bpy.types.Scene,
-    picture: Picture,
-    reference: Reference,
-    record: Report,
-    options: JobOptions,
-    path: Path,
-) -> None:
-    """Write the sheet: direct only, ours, Cycles GI, error map, with metrics and seconds below."""
-    panels = [
-        ("Direct light only", to_display(scene, picture.frame.gbuffer.direct)),
-        ("With indirect light (ours)", to_display(scene, picture.combined)),
-        ("Cycles GI", to_display(scene, reference.combined)),
-        ("Error of ours", error_map(picture.combined, reference.combined)),
-    ]
-    metrics, seconds = record["metrics"], record["seconds"]
-    direct, ours = metrics["direct_only"], metrics["combined"]
-    cells = [
-        f"relMSE {direct['relmse']:.3g} · SSIM {direct['ssim']:.3f}",
-        f"relMSE {ours['relmse']:.3g} · SSIM {ours['ssim']:.3f}",
-        f"{reference.samples} samples · {reference.seconds:.1f} s",
-        "",
-    ]
-    times = [
-        f"light {seconds['light']:.1f} s, {options.samples} samples",
-        f"total {seconds['total']:.1f} s: capture {seconds['capture']:.1f}, passes {seconds['passes']:.1f}",
-        "",
-        "",
-    ]
-    height, width = picture.combined.shape[:2]
-    where = f"{Path(bpy.data.filepath).stem or scene.name}, frame {record['frame']}, {width} x {height}"
-    note = f"{where} · {record['known']:.0%} of the samples answered by what was captured"
-    write_contact_sheet(path, panels, ["\t".join(cells), "\t".join(times), note])
 
 
 def _refuse_unread_file() -> None:

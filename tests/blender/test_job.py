@@ -85,7 +85,7 @@ def test_scene_is_as_before_when_any_step_is_interrupted(room, options):
 
 
 @pytest.mark.parametrize(
-    "step", ["compute_picture", "write_display_png", "write_picture", "_write_comparison"]
+    "step", ["compute_picture", "write_display_png", "write_picture", "compare_with_cycles"]
 )
 def test_scene_is_as_before_when_a_step_fails(room, options, monkeypatch, step):
     def fail(*arguments, **named):
