@@ -88,8 +88,11 @@ def snapshot(scene):
     names = [p.identifier for p in settings.bl_rna.properties if p.type not in {"POINTER", "COLLECTION"}]
     values = {name: getattr(settings, name) for name in names}
     values["override"] = settings.view_settings.view_transform
-    counts = {p.identifier: len(getattr(bpy.data, p.identifier))
-              for p in bpy.data.bl_rna.properties if p.type == "COLLECTION"}
+    counts = {
+        p.identifier: len(getattr(bpy.data, p.identifier))
+        for p in bpy.data.bl_rna.properties
+        if p.type == "COLLECTION"
+    }
     return values, counts
 
 
