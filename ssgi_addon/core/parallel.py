@@ -9,7 +9,7 @@ from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 
 from .types import IntArray
 
-# Rays that one task holds at a time: enough for the walk's groups by octant, little enough to bound memory.
+# Rays that one task holds at a time: enough to keep a walk's arrays full, little enough to bound memory.
 RAYS_PER_TASK = 524288
 
 Progress = Callable[[float, str], None]
