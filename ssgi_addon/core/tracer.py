@@ -11,7 +11,9 @@ front:
 - h < -slab on entry, h >= -slab on exit: it enters from behind, BLOCKED.
 - otherwise it passes in front or behind and goes on.
 
-Within two pixels of the origin a front that faces away is self-contact and is passed over.
+Within two pixels of the origin a front that faces away is self-contact and is passed over, and within one
+pixel `reach` is larger by half the tilt of the origin's own patch: where two surfaces meet inside the
+origin's pixel, the ray has met the second one untested.
 A ray that reaches its vanishing point inside a background cell ESCAPES; any other end is UNKNOWN.
 
 The pyramid skips cells that the ray passes wholly in front of (nearest) or wholly behind (farthest); the

@@ -309,7 +309,8 @@ class Walk:
     @staticmethod
     def _cells_from_origin(state: FloatArray) -> FloatArray:
         away = np.abs(state[_CELL] - np.floor(state[_START]))
-        return np.maximum(away[0], away[1])
+        farthest: FloatArray = np.maximum(away[0], away[1])
+        return farthest
 
     def _rise_in_own_cell(self, ray: IntArray) -> FloatArray:
         """Return how far the origin's own patch may have carried a ray in q before its cell ended.
@@ -318,7 +319,8 @@ class Walk:
         """
         start, sign = self.state[_START].take(ray, axis=1), self.state[_SIGN].take(ray, axis=1)
         home = self._pixel(np.floor(start), sign, self.id.take(ray))
-        return 0.5 * (np.abs(self.stack.gradient_x.take(home)) + np.abs(self.stack.gradient_y.take(home)))
+        tilt: FloatArray = np.abs(self.stack.gradient_x.take(home)) + np.abs(self.stack.gradient_y.take(home))
+        return 0.5 * tilt
 
     def _distance(self, state: FloatArray, ray: IntArray, s: FloatArray) -> FloatArray:
         """Convert s back to distance: t = s / q(s), orthographic t = s."""
