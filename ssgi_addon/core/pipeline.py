@@ -125,6 +125,10 @@ class _Run:
         if self.progress is not None:
             self.progress(fraction, text)
 
+    def _advance(self, begin: float, share: float, text: str) -> parallel.Advance:
+        """Return a callback that fills a part of the whole."""
+        return lambda fraction: self.report(begin + share * fraction, text)
+
     def timed(self, name: str) -> _Timer:
         return _Timer(self.seconds, name)
 
@@ -138,7 +142,7 @@ class _Run:
         source = scene.table("diffuse_source")
         samples = self.samples[0] = diffuse.sample_hemispheres(
             scene, 0, source, self.environment, settings, pixels,
-            lambda fraction: self.report(0.05 + 0.5 * fraction, "Diffuse light"),
+            self._advance(0.05, 0.5, "Diffuse light"),
         )  # fmt: skip
         self.rays["diffuse"] = pixels.size * settings.diffuse.rays
         self.visibility[pixels] = samples.visibility
@@ -245,12 +249,15 @@ class _Run:
         source += self.scene.table("albedo") * self.earlier_bounces
         is_mirror = self.gbuffer.roughness.reshape(-1).take(pixels) < ggx.MIRROR_ROUGHNESS
         variance = np.zeros(self.visibility.shape[0], dtype=self.glossy.dtype)
-        for part, rays in ((pixels[is_mirror], 1), (pixels[~is_mirror], self.settings.reflections.rays)):
+        parts = ((pixels[is_mirror], 1), (pixels[~is_mirror], self.settings.reflections.rays))
+        all_rays = sum(part.size * rays for part, rays in parts)
+        for part, rays in parts:
             if not part.size:
                 continue
+            done, share = self.rays["reflections"] / all_rays, part.size * rays / all_rays
             samples = reflections.sample_lobes(
                 self.scene, source, self.environment, self.settings, part, rays,
-                lambda fraction: self.report(0.65 + 0.3 * fraction, "Reflections"),
+                self._advance(0.65 + 0.3 * done, 0.3 * share, "Reflections"),
             )  # fmt: skip
             self.rays["reflections"] += part.size * rays
             self.known_glossy[part] = samples.known

@@ -403,3 +403,19 @@ def test_presets_light_a_scene(name):
     light = render_indirect(scene(), CAMERA, Settings.preset(name), WHITE)
     assert_in_range(light)
     assert light.diffuse.max() > 0.1
+
+
+def test_progress_never_falls(monkeypatch):
+    monkeypatch.setattr(parallel, "RAYS_PER_TASK", 64)
+    gbuffer = random_gbuffer(np.random.default_rng(5), (24, 32))
+    roughness = np.where(np.arange(32) < 16, 0.0, 0.5) * np.ones((24, 1))
+    mixed = replace(gbuffer, specular=np.full((24, 32, 3), 0.5), roughness=roughness)
+    reported = []
+    render_indirect(
+        mixed,
+        Camera.perspective(32, 24, 1.0),
+        make_settings(rays=4),
+        progress=lambda fraction, _text: reported.append(fraction),
+    )
+    assert reported[-1] == 1.0
+    assert (np.diff(reported) >= 0.0).all()
