@@ -90,7 +90,6 @@ def sample_hemispheres(
         np.zeros(count, dtype=dtype),
         np.zeros(count, dtype=dtype),
     )
-    unknown_sees_sky = settings.unknown == "environment"
 
     def work(slots: IntArray) -> None:
         part = pixel.take(slots)
@@ -104,10 +103,7 @@ def sample_hemispheres(
         radiance = source.take(answers.texel, axis=0)
         samples.bounce[where] = radiance.reshape(rays, -1, 3).mean(axis=0)
         if environment is not None:
-            is_lit = status == tracer.ESCAPED
-            if unknown_sees_sky:
-                is_lit |= status < tracer.ESCAPED
-            lit = np.flatnonzero(is_lit)
+            lit = answers.lit_by_environment(settings.unknown)
             sky = np.zeros_like(radiance)
             sky[lit] = environment.radiance(*direction.take(lit, axis=1))
             samples.environment[where] = sky.reshape(rays, -1, 3).mean(axis=0)

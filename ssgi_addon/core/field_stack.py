@@ -15,7 +15,7 @@ class FieldStack:
     """The arrays of several depth fields, one after another.
 
     A walk costs calls as well as rays, and its last rays cost as many calls as its first: six faces of a
-    surround in one walk take a third of the time of six walks.
+    surround in one walk take half the time of six walks.
 
     Parameters
     ----------

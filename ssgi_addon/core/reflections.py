@@ -87,10 +87,7 @@ def sample_lobes(
         answers = scene.answer(np.tile(origin, rays), direction)
         radiance = source.take(answers.texel, axis=0)
         if environment is not None:
-            is_lit = answers.status == tracer.ESCAPED
-            if settings.unknown == "environment":
-                is_lit |= answers.status < tracer.ESCAPED
-            lit = np.flatnonzero(is_lit)
+            lit = answers.lit_by_environment(settings.unknown)
             radiance[lit] = environment.radiance(*direction.take(lit, axis=1))
         is_known = (answers.status >= tracer.ESCAPED).reshape(rays, -1)
         radiance = radiance.reshape(rays, -1, 3)

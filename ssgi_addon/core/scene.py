@@ -37,6 +37,11 @@ class Answers:
     status: StatusArray
     texel: IntArray
 
+    def lit_by_environment(self, unknown: str) -> IntArray:
+        """Return the rays that bring the environment: escapes, and unknown ones where `unknown` says so."""
+        least = tracer.UNKNOWN if unknown == "environment" else tracer.ESCAPED
+        return np.flatnonzero((self.status >= least) & (self.status <= tracer.ESCAPED))
+
 
 @dataclass(frozen=True, eq=False)
 class _PlacedView:
