@@ -34,16 +34,19 @@ class DepthField:
         The camera that sees the field.
     is_background : (H*W,) bool
         Pixels without a surface; rays pass them.
-    front, gradient_x, gradient_y, slab, reach : (H*W,) float32
-        Front plane q = front + gradient_x * dx + gradient_y * dy at an offset (dx, dy) px from the pixel's
-        centre (-inf on background, which is behind every ray), extent of the slab behind it in q, and how
-        deep a ray may enter it between two pixels and still count as meeting the front.
+    planes : (H*W, 4) float32
+        Columns `front`, `gradient_x`, `gradient_y`, `slab`: the front plane
+        q = front + gradient_x * dx + gradient_y * dy at an offset (dx, dy) px from the pixel's centre (-inf on
+        background, which is behind every ray), and the extent of the slab behind it in q.
+    reach : (H*W,) float32
+        How deep in q a ray may enter the slab between two pixels and still count as meeting the front.
     normal : (H*W, 3) float32
         View-space shading normals.
-    atlas_nearest, atlas_farthest : flat float32
-        Largest front q and smallest back q per cell of every level, all levels in one image with a common
-        row stride: level 0 at the left, the others stacked beside it. Background neither stops a ray that
-        passes in front (nearest = -inf) nor one that passes behind (farthest = +inf).
+    bounds : (cells, 2) float32
+        Columns `nearest` and `farthest`: largest front q and smallest back q per cell of every level, all
+        levels in one image with a common row stride: level 0 at the left, the others stacked beside it.
+        Background neither stops a ray that passes in front (nearest = -inf) nor one that passes behind
+        (farthest = +inf).
     stride
         Row stride of the atlas, cells.
     origins : (levels,) int64
@@ -56,14 +59,10 @@ class DepthField:
 
     camera: Camera
     is_background: BoolArray
-    front: FloatArray
-    gradient_x: FloatArray
-    gradient_y: FloatArray
-    slab: FloatArray
+    planes: FloatArray
     reach: FloatArray
     normal: FloatArray
-    atlas_nearest: FloatArray
-    atlas_farthest: FloatArray
+    bounds: FloatArray
     stride: int
     origins: IntArray
     padded_width: int
@@ -75,9 +74,45 @@ class DepthField:
         """Number of pyramid levels, at least 1."""
         return int(self.origins.shape[0])
 
+    @property
+    def front(self) -> FloatArray:
+        """Q at the pixels' centres (H*W,)."""
+        return self.planes[:, 0]
+
+    @property
+    def gradient_x(self) -> FloatArray:
+        """dq/dx per pixel (H*W,)."""
+        return self.planes[:, 1]
+
+    @property
+    def gradient_y(self) -> FloatArray:
+        """dq/dy per pixel, y down (H*W,)."""
+        return self.planes[:, 2]
+
+    @property
+    def slab(self) -> FloatArray:
+        """Extent of the slabs in q (H*W,)."""
+        return self.planes[:, 3]
+
+    @property
+    def nearest(self) -> FloatArray:
+        """Largest front q per cell (cells,)."""
+        return self.bounds[:, 0]
+
+    @property
+    def farthest(self) -> FloatArray:
+        """Smallest back q per cell (cells,)."""
+        return self.bounds[:, 1]
+
     @classmethod
     def build(
-        cls, gbuffer: GBuffer, camera: Camera, thickness: float, *, max_level: int = MAX_LEVEL
+        cls,
+        gbuffer: GBuffer,
+        camera: Camera,
+        thickness: float,
+        *,
+        max_level: int = MAX_LEVEL,
+        bounds: str = "both",
     ) -> DepthField:
         """Derive slabs and pyramid from a G-buffer.
 
@@ -91,6 +126,9 @@ class DepthField:
             Thickness relative to depth (orthographic: to the width of the view) where none was captured.
         max_level
             Coarsest level to build; 0 leaves a linear walk.
+        bounds
+            ``"both"``, or ``"nearest"`` for the usual min-Z pyramid: no ray is then known to pass behind a
+            cell, and the hits are the same.
 
         Raises
         ------
@@ -113,19 +151,18 @@ class DepthField:
         nearest = np.where(is_background, -np.inf, q + 0.5 * tilt + margin).astype(q.dtype)
         farthest = np.where(is_background, np.inf, q - 0.5 * tilt - slab - margin).astype(q.dtype)
         level = min(max_level, max(0, (max(width, height) - 1).bit_length() - 1))
+        if bounds == "nearest":
+            farthest = np.full_like(q, -np.inf)
         atlas_nearest, stride, origins, padded = _stack_levels(nearest, level, np.maximum, -np.inf)
         atlas_farthest, _, _, _ = _stack_levels(farthest, level, np.minimum, np.inf)
+        front = np.where(is_background, -np.inf, q)
         return cls(
             camera=camera,
             is_background=is_background.ravel(),
-            front=np.where(is_background, -np.inf, q).astype(q.dtype).ravel(),
-            gradient_x=gradient_x.ravel(),
-            gradient_y=gradient_y.ravel(),
-            slab=slab.ravel(),
+            planes=np.stack([front, gradient_x, gradient_y, slab], axis=-1).reshape(-1, 4).astype(q.dtype),
             reach=np.maximum(footprint + tilt, _step_to_border(q, slab, camera)).astype(q.dtype).ravel(),
             normal=gbuffer.normal.reshape(-1, 3),
-            atlas_nearest=atlas_nearest,
-            atlas_farthest=atlas_farthest,
+            bounds=np.stack([atlas_nearest, atlas_farthest], axis=-1),
             stride=stride,
             origins=origins,
             padded_width=padded[1],

@@ -78,9 +78,9 @@ def sample_hemispheres(
     advance
         Called with the finished fraction.
     """
-    gbuffer, camera = scene.views[home].layers[0], scene.views[home].camera
     environment = scene.environment_for(home, environment)
-    rays, count, dtype = settings.diffuse.rays, pixel.shape[0], gbuffer.depth.dtype
+    rays, count = settings.diffuse.rays, pixel.shape[0]
+    dtype = scene.views[home].layers[0].depth.dtype
     samples = HemisphereSamples(
         pixel,
         np.empty((rays, count), dtype=np.int32),
@@ -91,32 +91,62 @@ def sample_hemispheres(
         np.zeros(count, dtype=dtype),
     )
 
-    def work(slots: IntArray) -> None:
-        part = pixel.take(slots)
-        origin, normal = surface_points(gbuffer, camera, part)
-        u, v = sample_square(part, camera.width, rays, settings.seed, dtype)
-        direction = cosine_directions(u, v, normal).reshape(3, -1)
-        answers = scene.answer(np.tile(origin, rays), direction, home)
-        where = slice(slots[0], slots[-1] + 1)
-        samples.hit[:, where] = answers.texel.reshape(rays, -1)
-        status = answers.status
-        radiance = source.take(answers.texel, axis=0)
-        samples.bounce[where] = radiance.reshape(rays, -1, 3).mean(axis=0)
-        if environment is not None:
-            lit = answers.lit_by_environment(settings.unknown)
-            sky = np.zeros_like(radiance)
-            sky[lit] = environment.radiance(*direction.take(lit, axis=1))
-            samples.environment[where] = sky.reshape(rays, -1, 3).mean(axis=0)
-        samples.known[where] = (status >= tracer.ESCAPED).reshape(rays, -1).mean(axis=0)
-        is_open = (status == tracer.ESCAPED) | (status == tracer.UNKNOWN)
-        samples.visibility[where] = is_open.reshape(rays, -1).mean(axis=0)
-        brightness = luminance(radiance if environment is None else radiance + sky)
-        samples.variance[where] = _variance_of_mean(brightness.reshape(rays, -1))
+    def advanced(fraction: float) -> None:
+        if advance is not None:
+            advance((block[0] + fraction * block.size) / count)
 
-    per_chunk = max(1, parallel.RAYS_PER_TASK // rays)
-    chunks = parallel.split(np.arange(count), per_chunk)
-    parallel.run_chunks(work, chunks, settings.threads, advance)
+    blocks = parallel.split(np.arange(count), max(1, parallel.RAYS_AT_ONCE // rays))
+    for block in blocks:
+        _sample_block(scene, home, source, environment, settings, samples, block, advanced)
     return samples
+
+
+def _sample_block(
+    scene: TraceScene,
+    home: int,
+    source: FloatArray,
+    environment: Environment | None,
+    settings: Settings,
+    samples: HemisphereSamples,
+    block: IntArray,
+    advance: parallel.Advance,
+) -> None:
+    """Draw, trace and sum the rays of a run of sampled pixels."""
+    gbuffer, camera = scene.views[home].layers[0], scene.views[home].camera
+    rays, dtype, threads = settings.diffuse.rays, gbuffer.depth.dtype, settings.threads
+    pixel = samples.pixel.take(block)
+    origin, direction = np.empty((2, 3, rays, block.size), dtype=dtype)
+
+    def draw(slots: IntArray) -> None:
+        where, part = slice(slots[0], slots[-1] + 1), pixel.take(slots)
+        point, normal = surface_points(gbuffer, camera, part)
+        u, v = sample_square(part, camera.width, rays, settings.seed, dtype)
+        direction[:, :, where] = cosine_directions(u, v, normal)
+        origin[:, :, where] = point[:, None]
+
+    def shade(slots: IntArray) -> None:
+        where = slice(slots[0], slots[-1] + 1)
+        to = slice(block[0] + where.start, block[0] + where.stop)
+        samples.hit[:, to] = texel[:, where]
+        radiance = source.take(texel[:, where], axis=0)
+        samples.bounce[to] = radiance.mean(axis=0)
+        if environment is not None:
+            sky = np.zeros_like(radiance)
+            lit = is_lit[:, where]
+            sky[lit] = environment.radiance(*(component[lit] for component in direction[:, :, where]))
+            samples.environment[to] = sky.mean(axis=0)
+            radiance += sky
+        kind = status[:, where]
+        samples.known[to] = (kind >= tracer.ESCAPED).mean(axis=0)
+        samples.visibility[to] = ((kind == tracer.ESCAPED) | (kind == tracer.UNKNOWN)).mean(axis=0)
+        samples.variance[to] = _variance_of_mean(luminance(radiance))
+
+    chunks = parallel.split(np.arange(block.size), max(1, parallel.RAYS_PER_TASK // rays))
+    parallel.run_chunks(draw, chunks, threads)
+    answers = scene.answer(origin.reshape(3, -1), direction.reshape(3, -1), home, threads, advance)
+    status, texel = answers.status.reshape(rays, -1), answers.texel.reshape(rays, -1)
+    is_lit = answers.brings_environment(settings.unknown).reshape(rays, -1)
+    parallel.run_chunks(shade, chunks, threads)
 
 
 def gather_bounce(samples: HemisphereSamples, handed_on: FloatArray, threads: int | None) -> FloatArray:

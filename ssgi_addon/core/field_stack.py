@@ -30,15 +30,13 @@ class FieldStack:
         self.is_orthographic = first.camera.is_orthographic
         self.stride, self.levels, self.origins = first.stride, first.levels, first.origins
         self.padded_width, self.padded_height = first.padded_width, first.padded_height
-        self.pixels_per_field = first.front.shape[0]
-        self.cells_per_field = first.atlas_nearest.shape[0]
-        self.atlas_nearest = self._join("atlas_nearest")
-        self.atlas_farthest = self._join("atlas_farthest")
+        self.pixels_per_field = first.planes.shape[0]
+        self.cells_per_field = first.bounds.shape[0]
+        # A cell's two bounds lie together and are read as one item
+        pair = np.dtype(np.complex64 if first.bounds.dtype == np.float32 else np.complex128)
+        self.bounds = self._join("bounds").view(pair)[:, 0]
         self.is_background = self._join("is_background")
-        self.front = self._join("front")
-        self.gradient_x = self._join("gradient_x")
-        self.gradient_y = self._join("gradient_y")
-        self.slab = self._join("slab")
+        self.planes = self._join("planes")
         self.reach = self._join("reach")
         self.normal = self._join("normal")
 

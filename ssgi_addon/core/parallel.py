@@ -4,14 +4,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from typing import TypeVar
 
 from .types import IntArray
 
-# Rays that one task holds at a time: enough to keep a walk's arrays full, little enough to bound memory.
-RAYS_PER_TASK = 524288
+# Rays that are traced at a time: enough that the last ones, which cost calls, are few; some 75 bytes each.
+RAYS_AT_ONCE = 2_097_152
+# Rays of a task that draws or shades them.
+RAYS_PER_TASK = 65536
 
+Chunk = TypeVar("Chunk")
 Progress = Callable[[float, str], None]
 Advance = Callable[[float], None]
 
@@ -29,8 +33,8 @@ def split(items: IntArray, per_chunk: int) -> list[IntArray]:
 
 
 def run_chunks(
-    work: Callable[[IntArray], None],
-    chunks: list[IntArray],
+    work: Callable[[Chunk], None],
+    chunks: Sequence[Chunk],
     threads: int | None,
     advance: Advance | None = None,
 ) -> None:

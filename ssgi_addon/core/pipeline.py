@@ -12,7 +12,6 @@ import numpy as np
 from . import diffuse, ggx, parallel, reflections
 from .camera import Camera
 from .denoise import filter_light
-from .depth_field import MAX_LEVEL
 from .environment import Environment
 from .gbuffer import GBuffer
 from .light import IndirectLight, luminance
@@ -59,14 +58,14 @@ def render_indirect(
     _check_types(gbuffer, camera, settings, environment, views)
     run = _Run(gbuffer, camera, settings, environment, progress)
     plan = run.plan
-    max_level = 0 if settings.reflections.method == "linear" and not plan.diffuse.size else MAX_LEVEL
+    walk = "hierarchical" if plan.diffuse.size else settings.reflections.method
     with run.timed("pyramid"):
-        run.scene = TraceScene(gbuffer, camera, views, settings, max_level=max_level)
+        run.scene = TraceScene(gbuffer, camera, views, settings, method=walk)
     with run.timed("diffuse"):
         run.trace_diffuse(plan.diffuse)
     with run.timed("reflections"):
-        if settings.reflections.method == "linear" and max_level and plan.reflections.size:
-            run.scene = TraceScene(gbuffer, camera, views, settings, max_level=0)
+        if settings.reflections.method != walk and plan.reflections.size:
+            run.scene = TraceScene(gbuffer, camera, views, settings, method=settings.reflections.method)
         run.trace_reflections(plan.reflections)
     run.report(1.0, "Done")
     return run.result()

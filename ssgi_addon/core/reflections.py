@@ -84,10 +84,10 @@ def sample_lobes(
         u, v = sample_square(part, camera.width, rays, settings.seed + _SEED_OFFSET, dtype)
         direction, weight = reflect(normal, toward_camera(camera, origin), roughness.take(part), u, v)
         direction = direction.reshape(3, -1)
-        answers = scene.answer(np.tile(origin, rays), direction)
+        answers = scene.answer(np.tile(origin, rays), direction, threads=1)
         radiance = source.take(answers.texel, axis=0)
         if environment is not None:
-            lit = answers.lit_by_environment(settings.unknown)
+            lit = np.flatnonzero(answers.brings_environment(settings.unknown))
             radiance[lit] = environment.radiance(*direction.take(lit, axis=1))
         is_known = (answers.status >= tracer.ESCAPED).reshape(rays, -1)
         radiance = radiance.reshape(rays, -1, 3)

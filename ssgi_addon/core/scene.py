@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from . import tracer
+from . import parallel, tracer
 from .camera import Camera
 from .depth_field import MAX_LEVEL, DepthField
 from .environment import Environment
 from .field_stack import FieldStack
 from .gbuffer import GBuffer
 from .settings import Settings
-from .types import FloatArray, IntArray, StatusArray
+from .types import BoolArray, FloatArray, IntArray, StatusArray
 
 View = tuple[GBuffer, Camera]
 
@@ -32,15 +32,22 @@ class Answers:
     texel : (N,) int64
         For hits the flat pixel index into all views' pixels one after another; for all other rays the index
         one past the last, where tables of radiance hold black.
+    distance : (N,) float32
+        To the hit, in units of the direction's length; +inf for all other rays.
+    x_px, y_px : (N,) float32
+        Where in its view's image the hit lies; 0 for all other rays.
     """
 
     status: StatusArray
     texel: IntArray
+    distance: FloatArray
+    x_px: FloatArray
+    y_px: FloatArray
 
-    def lit_by_environment(self, unknown: str) -> IntArray:
-        """Return the rays that bring the environment: escapes, and unknown ones where `unknown` says so."""
+    def brings_environment(self, unknown: str) -> BoolArray:
+        """Return (N,) which rays bring the environment: escapes, and others where `unknown` says so."""
         least = tracer.UNKNOWN if unknown == "environment" else tracer.ESCAPED
-        return np.flatnonzero((self.status >= least) & (self.status <= tracer.ESCAPED))
+        return (self.status >= least) & (self.status <= tracer.ESCAPED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,9 +75,9 @@ class TraceScene:
     views
         Further G-buffers and cameras, placed by `Camera.world_from_view`.
     settings
-        Thickness and maximum distance.
-    max_level
-        Coarsest level of the pyramids; 0 gives linear walks.
+        Thickness, largest distance and number of steps.
+    method
+        As in `ReflectionSettings.method`.
     """
 
     def __init__(
@@ -80,9 +87,9 @@ class TraceScene:
         views: Sequence[View],
         settings: Settings,
         *,
-        max_level: int = MAX_LEVEL,
+        method: str = "hierarchical",
     ) -> None:
-        self.max_distance = settings.max_distance
+        self.max_distance, self.max_steps = settings.max_distance, settings.max_steps
         self.views: list[_PlacedView] = []
         self.texels = 0
         for front, view_camera in [(gbuffer, camera), *views]:
@@ -91,7 +98,13 @@ class TraceScene:
             while layer is not None:
                 placed.layers.append(layer)
                 placed.fields.append(
-                    DepthField.build(layer, view_camera, settings.thickness, max_level=max_level)
+                    DepthField.build(
+                        layer,
+                        view_camera,
+                        settings.thickness,
+                        max_level=0 if method == "linear" else MAX_LEVEL,
+                        bounds="nearest" if method == "min_z" else "both",
+                    )
                 )
                 placed.offsets.append(self.texels)
                 self.texels += layer.depth.size
@@ -116,7 +129,14 @@ class TraceScene:
         rotation = environment.world_from_view @ self._moves(home, 0)[:3, :3]
         return replace(environment, world_from_view=rotation)
 
-    def answer(self, origin_vs: FloatArray, direction_vs: FloatArray, home: int = 0) -> Answers:
+    def answer(
+        self,
+        origin_vs: FloatArray,
+        direction_vs: FloatArray,
+        home: int = 0,
+        threads: int | None = 1,
+        advance: parallel.Advance | None = None,
+    ) -> Answers:
         """Trace rays that start on a view's surfaces: first through that view, then on through all others.
 
         A ray continues in the other views from where it left the first one; the nearest answer wins.
@@ -127,20 +147,24 @@ class TraceScene:
             In the space of view `home`.
         home
             The view whose surfaces the rays start on.
+        threads, advance
+            As in `tracer.trace_rays`.
         """
         view, count = self.views[home], origin_vs.shape[1]
         merged = _Merged(count, origin_vs.dtype)
         everywhere = np.arange(count)
         left = np.empty(0, dtype=origin_vs.dtype)
         for layer, (field, offset) in enumerate(zip(view.fields, view.offsets, strict=True)):
-            found = tracer.trace_rays(field, origin_vs, direction_vs, max_distance=self.max_distance)
+            found = tracer.trace_rays(
+                field, origin_vs, direction_vs, max_distance=self.max_distance, max_steps=self.max_steps,
+                threads=threads, advance=advance,
+            )  # fmt: skip
             merged.add(field, offset, everywhere, found)
             left = found.distance if layer == 0 else left
         onward = np.flatnonzero((merged.status() == tracer.UNKNOWN) & np.isfinite(left))
         if len(self.views) > 1 and onward.size:
-            self._continue_elsewhere(home, origin_vs, direction_vs, left, onward, merged)
-        status = merged.status()
-        return Answers(status, np.where(status == tracer.HIT, merged.texel, self.texels))
+            self._continue_elsewhere(home, origin_vs, direction_vs, left, onward, merged, threads)
+        return merged.answers(self.texels)
 
     def _continue_elsewhere(
         self,
@@ -150,6 +174,7 @@ class TraceScene:
         left: FloatArray,
         onward: IntArray,
         merged: _Merged,
+        threads: int | None,
     ) -> None:
         """Trace the `onward` rays through all other views from the distance at which they left their own."""
         origin, direction = origin.take(onward, axis=1), direction.take(onward, axis=1)
@@ -164,7 +189,7 @@ class TraceScene:
                 continue
             rays = tracer.ScreenRays.joined([visit.rays for visit in visits])
             turned = np.concatenate([visit.direction for visit in visits], axis=1)
-            found = tracer.trace_visitors(stack, rays, turned)
+            found = tracer.trace_visitors(stack, rays, turned, max_steps=self.max_steps, threads=threads)
             end = 0
             for visit in visits:
                 part = slice(end, end + visit.ray.shape[0])
@@ -173,6 +198,8 @@ class TraceScene:
                     found.status[part],
                     found.pixel[part] - visit.index * stack.pixels_per_field,
                     found.distance[part] + visit.begin,
+                    found.x_px[part],
+                    found.y_px[part],
                 )
                 view, layer = members[visit.index]
                 offset = self.views[view].offsets[layer]
@@ -207,14 +234,17 @@ class _Merged:
         self.texel = np.zeros(count, dtype=np.int64)
         self.nearest = np.full(count, np.inf, dtype=dtype)
         self.limit = np.full(count, np.inf, dtype=dtype)
+        self.x_px, self.y_px = np.zeros((2, count), dtype=dtype)
         self.escapes = np.zeros(count, dtype=np.bool_)
 
     def add(self, field: DepthField, offset: int, ray: IntArray, found: tracer.TraceResult) -> None:
         """Take in what one field answers to the listed rays; its pixels are texels from `offset` on."""
         hit = np.flatnonzero(found.status == tracer.HIT)
         hit = hit[found.distance.take(hit) < self.nearest.take(ray.take(hit))]
-        self.nearest[ray.take(hit)] = found.distance.take(hit)
-        self.texel[ray.take(hit)] = found.pixel.take(hit) + offset
+        to = ray.take(hit)
+        self.nearest[to] = found.distance.take(hit)
+        self.texel[to] = found.pixel.take(hit) + offset
+        self.x_px[to], self.y_px[to] = found.x_px.take(hit), found.y_px.take(hit)
         blocked = np.flatnonzero(found.status == tracer.BLOCKED)
         limit = found.distance.take(blocked) + _thickness(field, found.pixel.take(blocked))
         blocked = ray.take(blocked)
@@ -227,6 +257,19 @@ class _Merged:
         cases = [is_hit, self.limit < np.inf, self.escapes]
         kinds = [np.int8(tracer.HIT), np.int8(tracer.BLOCKED), np.int8(tracer.ESCAPED)]
         return np.select(cases, kinds, np.int8(tracer.UNKNOWN))
+
+    def answers(self, texels: int) -> Answers:
+        """Return what is known by now; `texels` is the texel of rays that hit nothing."""
+        status = self.status()
+        other = np.flatnonzero(status != tracer.HIT)
+        for values, nothing in (
+            (self.texel, texels),
+            (self.nearest, np.inf),
+            (self.x_px, 0.0),
+            (self.y_px, 0.0),
+        ):
+            values[other] = nothing
+        return Answers(status, self.texel, self.nearest, self.x_px, self.y_px)
 
 
 @dataclass(frozen=True, eq=False)

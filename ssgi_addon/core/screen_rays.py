@@ -28,11 +28,15 @@ class TraceResult:
     distance : (N,) float32
         How far the ray was followed, in units of its direction's length: to the hit, to what blocked it, or
         to where it left the frame or reached its largest distance; +inf for rays that vanish.
+    x_px, y_px : (N,) float32
+        Where in the image the ray met that pixel, in pixels from the left and the top; 0 where there is none.
     """
 
     status: StatusArray
     pixel: IntArray
     distance: FloatArray
+    x_px: FloatArray
+    y_px: FloatArray
 
     @classmethod
     def empty(cls, count: int, dtype: np.dtype) -> TraceResult:
@@ -41,6 +45,8 @@ class TraceResult:
             np.zeros(count, dtype=np.int8),
             np.full(count, -1, dtype=np.int64),
             np.full(count, np.inf, dtype=dtype),
+            np.zeros(count, dtype=dtype),
+            np.zeros(count, dtype=dtype),
         )
 
 
@@ -59,6 +65,18 @@ class ScreenRays:
     s_vanish: FloatArray
     s_limit: FloatArray
     field: IntArray
+
+    def run(self, where: slice) -> ScreenRays:
+        """Return consecutive rays."""
+        (x, y, q), (vx, vy, vq) = self.start, self.velocity
+        return ScreenRays(
+            (x[where], y[where], q[where]),
+            (vx[where], vy[where], vq[where]),
+            self.s_begin[where],
+            self.s_vanish[where],
+            self.s_limit[where],
+            self.field[where],
+        )
 
     def only(self, chosen: IntArray) -> ScreenRays:
         """Return some of the rays."""

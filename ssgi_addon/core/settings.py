@@ -74,9 +74,10 @@ class ReflectionSettings:
     enabled: bool = option(True, "Trace reflection rays", label="Reflections")
     method: str = option(
         "hierarchical",
-        "How rays walk the depth buffer; both find the same hits, the hierarchical walk is faster",
+        "How rays walk the depth buffer: pixel by pixel, by a pyramid of nearest depths, or by one of the "
+        "nearest and the farthest ones. All find the same hits; the last is the fastest",
         label="Method",
-        choices=("linear", "hierarchical"),
+        choices=("linear", "min_z", "hierarchical"),
     )
     rays: int = option(
         4,
@@ -154,6 +155,14 @@ class Settings:
     )
     max_distance: float = option(
         math.inf, "How far rays reach, in scene units", label="Distance", unit="scene units", min=0.0
+    )
+    max_steps: int | None = option(
+        None,
+        "Cells of the depth pyramid that a ray may look at; one that is not done by then brings no answer. "
+        "Empty means as many as it takes",
+        label="Steps",
+        min=1,
+        max=1_000_000,
     )
     seed: int = option(0, "Seed of the sampling pattern", label="Seed", min=0, max=2**31 - 1)
     threads: int | None = option(

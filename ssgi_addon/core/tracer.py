@@ -22,10 +22,14 @@ farthest bound is what keeps rays with finite thickness from crawling behind eve
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
+from . import parallel
 from .depth_field import DepthField
 from .field_stack import FieldStack
+from .ray_queue import RayQueue
 from .screen_rays import BLOCKED, ESCAPED, HIT, UNKNOWN, ScreenRays, TraceResult, project_rays
 from .types import FloatArray
 from .walk import Walk
@@ -43,13 +47,20 @@ __all__ = [
 ]
 
 
+# Fewer rays are not worth a thread of their own.
+LEAST_RAYS = 16384
+
+
 def trace_rays(
     field: DepthField,
     origin_vs: FloatArray,
     direction_vs: FloatArray,
     *,
-    max_distance: float | FloatArray = np.inf,
+    max_distance: float = np.inf,
+    max_steps: int | None = None,
     starts_on_surface: bool = True,
+    threads: int | None = 1,
+    advance: parallel.Advance | None = None,
 ) -> TraceResult:
     """Find the first surface of the field along each ray.
 
@@ -59,25 +70,39 @@ def trace_rays(
         Slabs and pyramid; one built with ``max_level=0`` gives the linear walk and the same hits.
     origin_vs, direction_vs : (3, N)
         View-space origins and directions, one row per component; perspective origins in front of the camera.
-    max_distance : float or (N,)
+    max_distance
         In units of the directions' length.
+    max_steps
+        Cells, of any level, that a ray may look at; one that is not done then stays UNKNOWN. None: all.
     starts_on_surface
         The rays leave surfaces of this field: the cell under an origin is not tested, and what faces away
         beside it is self-contact. False for rays that come from elsewhere.
+    threads
+        Worker threads, None for all cores; never changes a result.
+    advance
+        Called in this thread with the finished fraction; may raise to cancel.
 
     Returns
     -------
     TraceResult
         In the order of the rays.
     """
-    count = origin_vs.shape[1]
-    result = TraceResult.empty(count, origin_vs.dtype)
-    rays = project_rays(field, origin_vs, direction_vs, max_distance)
-    Walk(FieldStack([field]), rays, direction_vs, starts_on_surface, result).run()
-    return result
+
+    def rays_of(where: slice) -> ScreenRays:
+        return project_rays(field, origin_vs[:, where], direction_vs[:, where], max_distance)
+
+    stack = FieldStack([field])
+    return _walk(stack, rays_of, direction_vs, starts_on_surface, max_steps, threads, advance)
 
 
-def trace_visitors(stack: FieldStack, rays: ScreenRays, direction_vs: FloatArray) -> TraceResult:
+def trace_visitors(
+    stack: FieldStack,
+    rays: ScreenRays,
+    direction_vs: FloatArray,
+    *,
+    max_steps: int | None = None,
+    threads: int | None = 1,
+) -> TraceResult:
     """Find the first surface along rays that come from elsewhere, each in its own field of the stack.
 
     Parameters
@@ -88,12 +113,42 @@ def trace_visitors(stack: FieldStack, rays: ScreenRays, direction_vs: FloatArray
         By `project_rays`, with the index of each ray's field.
     direction_vs : (3, N)
         In the view space of each ray's field.
+    max_steps, threads
+        As in `trace_rays`.
 
     Returns
     -------
     TraceResult
         ``pixel`` counts through all fields of the stack.
     """
-    result = TraceResult.empty(direction_vs.shape[1], direction_vs.dtype)
-    Walk(stack, rays, direction_vs, False, result).run()
+    return _walk(stack, rays.run, direction_vs, False, max_steps, threads)
+
+
+def _walk(
+    stack: FieldStack,
+    rays_of: Callable[[slice], ScreenRays],
+    direction_vs: FloatArray,
+    starts_on_surface: bool,
+    max_steps: int | None,
+    threads: int | None,
+    advance: parallel.Advance | None = None,
+) -> TraceResult:
+    """Let several walks share one queue: however the rays differ, all threads end together."""
+    count = direction_vs.shape[1]
+    result = TraceResult.empty(count, direction_vs.dtype)
+    walks = min(parallel.thread_count(threads), -(-count // LEAST_RAYS))
+    queue = RayQueue(count, rays_of, walks)
+
+    def work(_: object) -> None:
+        Walk(stack, queue, direction_vs, starts_on_surface, max_steps, result).run()
+
+    def report(_: float) -> None:
+        if advance is not None:
+            advance(queue.taken / queue.count)
+
+    try:
+        parallel.run_chunks(work, [None] * walks, threads, report)
+    except BaseException:
+        queue.close()
+        raise
     return result

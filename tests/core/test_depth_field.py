@@ -41,8 +41,8 @@ def test_every_cell_bounds_the_patches_and_backs_below_it(shape, lens, rng):
     half = 0.5 * (np.abs(field.gradient_x) + np.abs(field.gradient_y)).reshape(shape)
     for level in range(field.levels):
         nearest, farthest = (
-            cells(field, field.atlas_nearest, level),
-            cells(field, field.atlas_farthest, level),
+            cells(field, field.nearest, level),
+            cells(field, field.farthest, level),
         )
         y, x = np.nonzero(~gbuffer.is_background)
         cell = y >> level, x >> level
@@ -54,7 +54,7 @@ def test_every_cell_bounds_the_patches_and_backs_below_it(shape, lens, rng):
 def test_coarse_cells_hold_the_extremes_of_their_four_children(shape, rng):
     field = build(random_gbuffer(rng, shape))
     for level in range(1, field.levels):
-        for atlas, reduce in ((field.atlas_nearest, np.max), (field.atlas_farthest, np.min)):
+        for atlas, reduce in ((field.nearest, np.max), (field.farthest, np.min)):
             children = cells(field, atlas, level - 1)
             blocks = children.reshape(children.shape[0] // 2, 2, children.shape[1] // 2, 2)
             np.testing.assert_array_equal(cells(field, atlas, level), reduce(blocks, axis=(1, 3)))
@@ -62,8 +62,8 @@ def test_coarse_cells_hold_the_extremes_of_their_four_children(shape, rng):
 
 def test_background_and_padding_stop_no_ray():
     field = build(uniform_gbuffer((3, 5), np.inf))
-    assert np.isneginf(field.atlas_nearest).all()
-    assert np.isposinf(field.atlas_farthest).all()
+    assert np.isneginf(field.nearest).all()
+    assert np.isposinf(field.farthest).all()
     assert np.isneginf(field.front).all()
 
 
@@ -163,8 +163,8 @@ def test_a_field_holds_no_nan_whatever_the_frame(seed, lens, thickness):
         assert np.isfinite(getattr(field, name)).all(), name
     assert (field.slab >= 0.0).all()
     assert (field.reach >= 0.0).all()
-    assert not np.isnan(field.atlas_nearest).any()
-    assert not np.isnan(field.atlas_farthest).any()
+    assert not np.isnan(field.nearest).any()
+    assert not np.isnan(field.farthest).any()
 
 
 def test_camera_of_another_size_is_named():

@@ -29,16 +29,7 @@ SIZES = st.one_of(
 
 
 def as_float64(field: DepthField) -> DepthField:
-    names = (
-        "front",
-        "gradient_x",
-        "gradient_y",
-        "slab",
-        "reach",
-        "normal",
-        "atlas_nearest",
-        "atlas_farthest",
-    )
+    names = ("planes", "reach", "normal", "bounds")
     return replace(field, **{name: getattr(field, name).astype(np.float64) for name in names})
 
 

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The state of a walk, and what its rays meet at level 0."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .field_stack import FieldStack
+from .screen_rays import BLOCKED, HIT, TraceResult
+from .types import FloatArray, IntArray
+
+_SELF_CONTACT_PX = 2
+
+# Rows of the state; x and y stand together, so that one call serves both. Mirrored coordinates throughout.
+START = slice(0, 2)
+Q0 = 2
+SPEED = slice(3, 5)
+VQ = 5
+SIGN = slice(6, 8)  # -1 where the axis is mirrored
+CELL = slice(8, 10)  # column and row at the current level
+S = 10  # on entry into the cell
+MEETING = slice(0, 11)  # all that the look into a slab needs
+INVERSE = slice(11, 13)  # 1 / speed
+SIZE = 13  # of the cell, pixels
+S_END = 14
+S_VANISH = 15
+ROWS = 16
+
+
+class SlabTest:
+    """The exact test of rays against the slab of one level-0 cell each.
+
+    Parameters
+    ----------
+    stack
+        The fields.
+    direction_vs : (3, N)
+        View-space directions of all rays.
+    starts_on_surface
+        The rays leave the surface in their first cell.
+    result
+        Receives hits and blocks.
+    """
+
+    def __init__(
+        self, stack: FieldStack, direction_vs: FloatArray, starts_on_surface: bool, result: TraceResult
+    ) -> None:
+        self.stack, self.direction_vs, self.result = stack, direction_vs, result
+        self.starts_on_surface = starts_on_surface
+        self.last = np.array([[stack.padded_width], [stack.padded_height]], dtype=direction_vs.dtype) - 1.0
+
+    def meet(self, state: FloatArray, ids: IntArray, field: IntArray, s_out: FloatArray) -> IntArray:
+        """Write what rays meet in their level-0 cells before `s_out`; return those that stopped.
+
+        Parameters
+        ----------
+        state : (rows of MEETING, N)
+            Of the rays.
+        ids, field, s_out : (N,)
+            Numbers of the rays, the fields that they walk, and where they leave their cells.
+        """
+        stack, s_in = self.stack, state[S]
+        offset = state[START] - (state[CELL] + 0.5)
+        pixel = self.pixel(state[CELL], state[SIGN], field)
+        front, gx, gy, slab = stack.planes.take(pixel, axis=0).T
+        gx, gy = gx * state[SIGN][0], gy * state[SIGN][1]
+        # h(s) = h0 + s * dh: how far in front of the patch's plane the ray is, in q
+        h0 = state[Q0] - front - gx * offset[0] - gy * offset[1]
+        dh = state[VQ] - gx * state[SPEED][0] - gy * state[SPEED][1]
+        h_in, h_out = h0 + dh * s_in, h0 + dh * s_out
+        # Neither in front all the way nor behind all the way: through the front, inside, or through the back
+        met = np.flatnonzero((np.minimum(h_in, h_out) <= 0.0) & (np.maximum(h_in, h_out) >= -slab))
+        if met.size == 0:
+            return met
+        h_in, slab, pixel, ids = h_in.take(met), slab.take(met), pixel.take(met), ids.take(met)
+        state, field = state.take(met, axis=1), field.take(met)
+        crosses = h_in > 0.0
+        faces = self._facing(pixel, ids) < 0.0
+        # The step between two pixels of one surface is part of its front
+        reach = stack.reach.take(pixel)
+        stops = np.ones(met.shape, dtype=np.bool_)
+        if self.starts_on_surface:
+            away = _cells_from_origin(state)
+            reach += (away <= 1.0) * self._rise_in_own_cell(state, field)
+            stops = faces | (away > _SELF_CONTACT_PX)
+        is_hit = faces & (crosses | ((h_in >= -slab) & (h_in >= -reach)))
+        s_met = np.where(crosses, state[S] - h_in / dh.take(met), state[S])
+        self._write(np.flatnonzero(stops), is_hit, ids, pixel, s_met, state)
+        return met[stops]
+
+    def _write(
+        self,
+        stops: IntArray,
+        is_hit: FloatArray,
+        ids: IntArray,
+        pixel: IntArray,
+        s_met: FloatArray,
+        state: FloatArray,
+    ) -> None:
+        result, state = self.result, state.take(stops, axis=1)
+        ids, s_met = ids.take(stops), s_met.take(stops)
+        result.status[ids] = BLOCKED + (HIT - BLOCKED) * is_hit.take(stops)
+        result.pixel[ids] = pixel.take(stops)
+        result.distance[ids] = self.distance(state, s_met)
+        x, y = self._unmirrored(state[START] + state[SPEED] * s_met, state[SIGN], self.last + 1.0)
+        result.x_px[ids], result.y_px[ids] = x, y
+
+    @staticmethod
+    def _unmirrored(position: FloatArray, sign: FloatArray, end: FloatArray) -> FloatArray:
+        """Return mirrored positions or cells as they stand in the image; a mirrored 0 stands at `end`."""
+        unmirrored: FloatArray = (sign < 0.0) * end + sign * position
+        return unmirrored
+
+    def pixel(self, cell: FloatArray, sign: FloatArray, field: IntArray) -> IntArray:
+        """Return flat pixel indices of mirrored level-0 cells ``(2, N)``.
+
+        Rounding at the border stays in the frame.
+        """
+        stack = self.stack
+        x, y = self._unmirrored(cell, sign, self.last).astype(np.int64)
+        pixel: IntArray = np.minimum(np.maximum(y, 0), stack.height - 1) * stack.width
+        pixel += np.minimum(np.maximum(x, 0), stack.width - 1)
+        if len(stack.fields) > 1:
+            pixel += field * stack.pixels_per_field
+        return pixel
+
+    def _facing(self, pixel: IntArray, ids: IntArray) -> FloatArray:
+        """Return n . D: negative where the ray comes toward the surface's front."""
+        nx, ny, nz = self.stack.normal.take(pixel, axis=0).T
+        dx, dy, dz = (component.take(ids) for component in self.direction_vs)
+        cosine: FloatArray = nx * dx + ny * dy + nz * dz
+        return cosine
+
+    def _rise_in_own_cell(self, state: FloatArray, field: IntArray) -> FloatArray:
+        """Return how far the origin's own patch may have carried a ray in q before its cell ended.
+
+        Where two surfaces meet within a pixel, the ray met the second one inside its own cell, untested.
+        """
+        home = self.pixel(np.floor(state[START]), state[SIGN], field)
+        _, gx, gy, _ = self.stack.planes.take(home, axis=0).T
+        rise: FloatArray = 0.5 * (np.abs(gx) + np.abs(gy))
+        return rise
+
+    def distance(self, state: FloatArray, s: FloatArray) -> FloatArray:
+        """Convert s back to distance: t = s / q(s), orthographic t = s."""
+        if self.stack.is_orthographic:
+            return s
+        distance: FloatArray = s / (state[Q0] + state[VQ] * s)
+        return distance
+
+
+def _cells_from_origin(state: FloatArray) -> FloatArray:
+    away = np.abs(state[CELL] - np.floor(state[START]))
+    farthest: FloatArray = np.maximum(away[0], away[1])
+    return farthest
