@@ -36,8 +36,8 @@ class DepthField:
         Pixels without a surface; rays pass them.
     planes : (H*W, 4) float32
         Columns `front`, `gradient_x`, `gradient_y`, `slab`: the front plane
-        q = front + gradient_x * dx + gradient_y * dy at an offset (dx, dy) px from the pixel's centre (-inf on
-        background, which is behind every ray), and the extent of the slab behind it in q.
+        q = front + gradient_x * dx + gradient_y * dy at an offset (dx, dy) px from the pixel's centre (-inf
+        on background, which is behind every ray), and the extent of the slab behind it in q.
     reach : (H*W,) float32
         How deep in q a ray may enter the slab between two pixels and still count as meeting the front.
     normal : (H*W, 3) float32

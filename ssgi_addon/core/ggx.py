@@ -51,12 +51,17 @@ def smith_lambda(cosine: FloatArray, alpha: FloatArray) -> FloatArray:
     return 0.5 * (np.sqrt(1.0 + alpha * alpha * tangent2) - 1.0)
 
 
-def sample_weight(cosine_view: FloatArray, cosine_light: FloatArray, alpha: FloatArray) -> FloatArray:
-    """Return f cos / pdf without Fresnel for visible-normal samples: G2 / G1, height-correlated.
+def normal_density(cosine: FloatArray, sine2: FloatArray, alpha: FloatArray) -> FloatArray:
+    """Return GGX's density of microfacet normals D, per steradian (Walter et al. 2007, equation 33).
 
-    Zero where the light direction is below the surface (Heitz 2018, section 5).
+    Parameters
+    ----------
+    cosine, sine2
+        Cosine and squared sine of the angle to the surface's normal.
+    alpha
+        GGX alpha = roughness².
     """
-    lambda_view = smith_lambda(cosine_view, alpha)
-    lambda_light = smith_lambda(np.maximum(cosine_light, 1e-6), alpha)
-    weight = (1.0 + lambda_view) / (1.0 + lambda_view + lambda_light)
-    return np.where(cosine_light > 0.0, weight, 0.0)
+    alpha2 = alpha * alpha
+    spread = alpha2 * cosine * cosine + sine2
+    density: FloatArray = alpha2 / (np.pi * spread * spread)
+    return density

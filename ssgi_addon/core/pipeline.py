@@ -23,6 +23,8 @@ from .types import FloatArray, IntArray
 _DIFFUSE_LEVELS = 4
 # Further views only light others: their noise is averaged by the rays that hit them.
 _MOST_VIEW_RAYS = 2
+# Width of the part of a lobe that holds most of its light, per unit of distance and of alpha.
+_BLUR_PER_ALPHA = 1.0
 # Bounces stop when one adds less than this fraction of the light so far.
 _LEAST_BOUNCE = 1e-3
 
@@ -246,26 +248,34 @@ class _Run:
             self._smooth_earlier_bounces()
         source = self.scene.table("reflection_source")
         source += self.scene.table("albedo") * self.earlier_bounces
-        is_mirror = self.gbuffer.roughness.reshape(-1).take(pixels) < ggx.MIRROR_ROUGHNESS
-        variance = np.zeros(self.visibility.shape[0], dtype=self.glossy.dtype)
-        parts = ((pixels[is_mirror], 1), (pixels[~is_mirror], self.settings.reflections.rays))
-        all_rays = sum(part.size * rays for part, rays in parts)
-        for part, rays in parts:
-            if not part.size:
-                continue
-            done, share = self.rays["reflections"] / all_rays, part.size * rays / all_rays
-            samples = reflections.sample_lobes(
-                self.scene, source, self.environment, self.settings, part, rays,
-                self._advance(0.65 + 0.3 * done, 0.3 * share, "Reflections"),
-            )  # fmt: skip
-            self.rays["reflections"] += part.size * rays
-            self.known_glossy[part] = samples.known
-            self.glossy[part] = self._fill(samples.radiance, samples.known, rays)
-            variance[part] = samples.variance
-        rough = pixels[~is_mirror]
-        if self.settings.reflections.filter and rough.size:
-            levels = _lobe_levels(self.gbuffer.roughness.reshape(-1).take(rough))
-            self.glossy = self._smooth(0, self.glossy, rough, variance.take(rough), levels)
+        found = reflections.reflect_light(
+            self.scene, source, self.environment, self.settings, pixels,
+            self._advance(0.65, 0.3, "Reflections"),
+        )  # fmt: skip
+        self.rays["reflections"] = found.rays
+        self.known_glossy[pixels] = found.known
+        self.glossy[pixels] = self._fill(found.radiance, found.known, self.settings.reflections.rays)
+        if self.settings.reflections.filter:
+            levels = self._lobe_levels(pixels, found.distance)
+            self.glossy = self._smooth(0, self.glossy, pixels, found.variance, levels)
+
+    def _lobe_levels(self, pixels: IntArray, distance: FloatArray) -> IntArray:
+        """Return how many filter passes lobes take: reflections are blurred less than they are wide.
+
+        What is near to the surface is reflected sharply: a lobe's blur is as wide on the screen as its cone
+        is at the distance of what it reflects, seen from as far as the mirror image is.
+        """
+        roughness = self.gbuffer.roughness.reshape(-1).take(pixels)
+        levels = np.searchsorted([ggx.MIRROR_ROUGHNESS, 0.05, 0.12, 0.25, 0.45], roughness, side="right") - 1
+        if self.settings.reflections.contact_hardening:
+            with np.errstate(invalid="ignore"):
+                depth = self.gbuffer.depth.reshape(-1).take(pixels)
+                seen_from = 1.0 if self.camera.is_orthographic else depth + distance
+                width = np.where(np.isinf(distance), 1.0, distance / seen_from)
+            width = width * (_BLUR_PER_ALPHA * roughness * roughness * max(self.camera.fx, self.camera.fy))
+            reach = np.floor(np.log2(np.maximum(width, 0.5))).astype(np.int64) + 1
+            levels = np.minimum(levels, reach)
+        return np.maximum(levels, 0).astype(np.int64)
 
     def result(self) -> IndirectLight:
         height, width = self.gbuffer.shape
@@ -304,8 +314,3 @@ class _Timer:
 
 def _image(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
     return np.ascontiguousarray(values, dtype=np.float32).reshape(shape)
-
-
-def _lobe_levels(roughness: FloatArray) -> IntArray:
-    """Return how many filter passes a lobe takes: sharp reflections are blurred less than they are wide."""
-    return np.searchsorted([0.05, 0.12, 0.25, 0.45], roughness, side="right").astype(np.int64)

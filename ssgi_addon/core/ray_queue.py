@@ -36,8 +36,8 @@ class RayGroup:
     @classmethod
     def empty(cls, capacity: int, dtype: np.dtype) -> RayGroup:
         """Return a group with room for rays and none in it."""
-        numbers = np.zeros((4, capacity), dtype=np.int64)
-        return cls(*numbers, np.full((ROWS, capacity), np.nan, dtype=dtype))
+        numbers, field, slot, birth = np.zeros((4, capacity), dtype=np.int64)
+        return cls(numbers, field, slot, birth, np.full((ROWS, capacity), np.nan, dtype=dtype))
 
     @property
     def size(self) -> int:

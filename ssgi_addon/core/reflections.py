@@ -2,146 +2,265 @@
 """Stochastic screen-space reflections.
 
 After Stachowiak and Uludag 2015, "Stochastic Screen-Space Reflections": GGX visible-normal sampling, one
-exact ray for mirrors. The estimate is Σ w L / Σ w with w = f cos / pdf, so that its normalisation is the
-lobe's own integral; rays without an answer keep their weight.
+exact ray for mirrors, rays that neighbours reuse, cones that read a pyramid of means. The estimate is
+Σ w L / Σ w with w = f cos / pdf, so that its normalisation is the lobe's own integral; rays without an answer
+keep their weight.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from . import ggx, parallel, tracer
 from .environment import Environment
 from .frame_points import surface_points, toward_camera
+from .hit_colors import HitColors
 from .light import luminance
-from .sampling import sample_square, tangent_frame, to_frame
-from .scene import TraceScene
-from .settings import Settings
-from .types import FloatArray, IntArray
+from .lobes import Lobes
+from .resolve import LobeSums, RayGrid, keep, resolve
+from .sampling import sample_square
+from .scene import Answers, TraceScene
+from .settings import ReflectionSettings, Settings
+from .types import BoolArray, FloatArray, IntArray
 
-# A shading normal may turn away from the camera; the lobe is then that of a grazing view.
-_LEAST_VIEW_COSINE = 1e-3
 # Reflection rays have another shift of the sequence than diffuse rays.
 _SEED_OFFSET = 0x5351
+STRIDES = {"full": 1, "half": 2, "quarter": 4}
+# Rougher lobes are so wide that a pixel's neighbours see the same: a ray for every 2 x 2 pixels.
+ROUGH = 0.4
+# Where not every pixel has rays, each takes those of its own cell and of at least so many others.
+_LEAST_REUSE = 3
+# A pixel whose neighbours' rays weigh less than this has rays of its own traced.
+_LEAST_WEIGHT = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class LobeSamples:
-    """Per-pixel means over the reflection rays.
+class GlossyLight:
+    """What reflection rays bring to the pixels of a frame.
 
     Attributes
     ----------
-    pixel : (P,) int64
-        The traced pixels.
     radiance : (P, 3) float32
         ∫ L f cos / ∫ f cos over what was answered.
     known : (P,) float32
         Weighted fraction of the answered rays.
     variance : (P,) float32
         Variance of the mean's luminance.
+    distance : (P,) float32
+        Harmonic mean distance to what is reflected, +inf for the sky.
+    rays
+        Number of traced rays.
     """
 
-    pixel: IntArray
     radiance: FloatArray
     known: FloatArray
     variance: FloatArray
+    distance: FloatArray
+    rays: int
 
 
-def sample_lobes(
+def reflect_light(
     scene: TraceScene,
     source: FloatArray,
     environment: Environment | None,
     settings: Settings,
     pixel: IntArray,
-    rays: int,
-    advance: parallel.Advance | None = None,
-) -> LobeSamples:
-    """Trace reflection rays from the given pixels and average what they bring.
+    advance: parallel.Advance,
+) -> GlossyLight:
+    """Trace reflection rays from the given pixels and resolve what they bring.
 
     Parameters
     ----------
-    scene, environment, settings, advance
+    scene, environment, settings
         As in `diffuse.sample_hemispheres`.
-    pixel : (P,)
-        Flat indices of the frame's pixels to sample.
     source : (texels + 1, 3)
         Radiance that each texel hands on to reflections, black in the last row.
-    rays
-        Rays per pixel; pixels below `ggx.MIRROR_ROUGHNESS` want one.
+    pixel : (P,)
+        Flat indices of the frame's pixels to sample.
+    advance
+        Called with the finished fraction.
     """
-    gbuffer, camera = scene.views[0].layers[0], scene.views[0].camera
-    count, dtype = pixel.shape[0], gbuffer.depth.dtype
-    samples = LobeSamples(
-        pixel, np.zeros((count, 3), dtype=dtype), np.zeros(count, dtype=dtype), np.zeros(count, dtype=dtype)
-    )
-    roughness = gbuffer.roughness.reshape(-1)
+    return _Reflection(scene, source, environment, settings, advance).light(pixel)
 
-    def work(slots: IntArray) -> None:
-        part = pixel.take(slots)
-        origin, normal = surface_points(gbuffer, camera, part)
-        u, v = sample_square(part, camera.width, rays, settings.seed + _SEED_OFFSET, dtype)
-        direction, weight = reflect(normal, toward_camera(camera, origin), roughness.take(part), u, v)
-        direction = direction.reshape(3, -1)
-        answers = scene.answer(np.tile(origin, rays), direction, threads=1)
-        radiance = source.take(answers.texel, axis=0)
-        if environment is not None:
-            lit = np.flatnonzero(answers.brings_environment(settings.unknown))
-            radiance[lit] = environment.radiance(*direction.take(lit, axis=1))
-        is_known = (answers.status >= tracer.ESCAPED).reshape(rays, -1)
-        radiance = radiance.reshape(rays, -1, 3)
-        total = weight.sum(axis=0)
-        inverse = 1.0 / np.maximum(total, 1e-20)
-        known = (weight * is_known).sum(axis=0) * inverse
-        mean = (weight[..., None] * radiance).sum(axis=0) * inverse[:, None]
-        where = slice(slots[0], slots[-1] + 1)
-        samples.known[where] = np.minimum(known, 1.0)
-        samples.radiance[where] = mean
-        deviation = luminance(radiance) - luminance(mean)
-        if rays == 1:
-            samples.variance[where] = luminance(mean) ** 2
+
+class _Reflection:
+    """One frame's reflections: tiers of pixels by roughness, each traced on a grid of its own."""
+
+    def __init__(
+        self,
+        scene: TraceScene,
+        source: FloatArray,
+        environment: Environment | None,
+        settings: Settings,
+        advance: parallel.Advance,
+    ) -> None:
+        self.scene, self.environment, self.settings, self.advance = scene, environment, settings, advance
+        self.options: ReflectionSettings = settings.reflections
+        self.gbuffer, self.camera = scene.views[0].layers[0], scene.views[0].camera
+        self.colors = HitColors(
+            scene,
+            source,
+            is_subpixel=self.options.subpixel,
+            has_levels=self.options.color_pyramid,
+        )
+        self.sums = LobeSums(self.gbuffer.shape, self.gbuffer.depth.dtype)
+        self.rays = self.planned = 0
+
+    def light(self, pixel: IntArray) -> GlossyLight:
+        """Return the light of the given pixels."""
+        is_active = np.zeros(self.gbuffer.shape, dtype=np.bool_)
+        is_active.reshape(-1)[pixel] = True
+        tiers = list(_tiers(self.gbuffer.roughness, is_active, self.options))
+        self.planned = sum(-(-int(tier.mask.sum()) // tier.stride**2) * tier.rays for tier in tiers)
+        for tier in tiers:
+            self._trace(tier)
+            if tier.stride > 1:
+                # Thin things may have no ray near them
+                lacking = tier.mask & (self.sums.weight < _LEAST_WEIGHT * tier.rays)
+                self._trace(replace(tier, mask=lacking, stride=1, reuse=0))
+        return self._result(pixel)
+
+    def _trace(self, tier: _Tier) -> None:
+        """Trace the rays of some pixels, as many at a time as memory is meant for, and resolve them."""
+        if not tier.mask.any():
+            return
+        at_once = max(1, parallel.RAYS_AT_ONCE // (tier.mask.size // tier.stride**2))
+        for begin in range(0, tier.rays, at_once):
+            chosen = slice(begin, min(begin + at_once, tier.rays))
+            grid = RayGrid(tier.mask, tier.stride, chosen.stop - chosen.start, self.gbuffer.depth.dtype)
+            for cells in parallel.split(np.arange(grid.cells.size), parallel.RAYS_AT_ONCE):
+                self._fill(grid, tier, cells, chosen)
+            if tier.is_mirror:
+                keep(grid, self.sums)
+            else:
+                resolve(
+                    grid, self.gbuffer, self.camera, tier.mask, tier.reuse, self.options.elongation,
+                    self.sums, self.settings.threads,
+                )  # fmt: skip
+
+    def _fill(self, grid: RayGrid, tier: _Tier, cells: IntArray, chosen: slice) -> None:
+        """Draw, trace and shade the chosen ones of the rays that some cells of a grid have."""
+        count, threads, dtype = chosen.stop - chosen.start, self.settings.threads, self.gbuffer.depth.dtype
+        origin, direction = np.empty((2, 3, count, cells.size), dtype=dtype)
+        spread = np.empty((count, cells.size), dtype=dtype)
+
+        def draw(slots: IntArray) -> None:
+            where, own = slice(slots[0], slots[-1] + 1), cells.take(slots)
+            pixel = grid.pixel.reshape(-1).take(grid.cells.take(own))
+            point, normal = surface_points(self.gbuffer, self.camera, pixel)
+            roughness = self.gbuffer.roughness.reshape(-1).take(pixel)
+            lobes = Lobes.at(normal, toward_camera(self.camera, point), roughness, self.options.elongation)
+            u, v = sample_square(
+                grid.cells.take(own), grid.shape[1], tier.rays, self.settings.seed + _SEED_OFFSET, dtype
+            )
+            drawn, pdf = lobes.draw(u[chosen], v[chosen], tier.is_mirror)
+            direction[:, :, where], origin[:, :, where] = drawn, point[:, None]
+            spread[:, where] = 0.0 if tier.is_mirror else _spread(pdf, tier.rays * (1 + tier.reuse))
+            grid.set_rays(grid.places.take(own), point, normal, drawn, pdf)
+
+        def shade(slots: IntArray) -> None:
+            places = grid.places.take(cells.take(slots))
+            for ray in range(count):
+                run = slice(ray * cells.size + slots[0], ray * cells.size + slots[-1] + 1)
+                way, wide = direction.reshape(3, -1)[:, run], spread.reshape(-1)[run]
+                radiance, known = self._shade(answers, run, way, wide)
+                near = 1.0 / np.maximum(answers.distance[run], 1e-20)
+                grid.set_answers(ray, places, near, radiance, known, answers.status[run] == tracer.BLOCKED)
+
+        chunks = parallel.split(np.arange(cells.size), max(1, parallel.RAYS_PER_TASK // count))
+        parallel.run_chunks(draw, chunks, threads)
+        answers = self.scene.answer(
+            origin.reshape(3, -1), direction.reshape(3, -1), threads=threads, advance=self._advance
+        )
+        parallel.run_chunks(shade, chunks, threads)
+        self.rays += count * cells.size
+
+    def _shade(
+        self, answers: Answers, run: slice, direction: FloatArray, spread: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return what a run of rays brings (N, 3), and how far each was answered (N,)."""
+        radiance = self.colors.radiance(answers, run, spread)
+        known = (answers.status[run] >= tracer.ESCAPED).astype(radiance.dtype)
+        is_lit = answers.brings_environment(self.settings.unknown)[run]
+        if self.options.edge_fade > 0.0 and len(self.scene.views) == 1:
+            kept = np.where(answers.status[run] == tracer.HIT, self._distance_to_edge(answers, run), 1.0)
+            radiance *= kept[:, None]
+            known *= kept
         else:
-            samples.variance[where] = (weight * deviation * deviation).sum(axis=0) * inverse / (rays - 1)
+            kept = np.ones_like(known)
+        if self.environment is not None:
+            share = is_lit.astype(known.dtype)
+            if self.settings.unknown == "environment":
+                share += 1.0 - kept
+            lit = np.flatnonzero(share)
+            sky = self.environment.radiance(*direction.take(lit, axis=1))
+            radiance[lit] += share.take(lit)[:, None] * sky
+        return radiance, known
 
-    per_chunk = max(1, parallel.RAYS_PER_TASK // rays)
-    parallel.run_chunks(work, parallel.split(np.arange(count), per_chunk), settings.threads, advance)
-    return samples
+    def _distance_to_edge(self, answers: Answers, run: slice) -> FloatArray:
+        """Return how far inside the frame hits lie: 0 at its edge to 1 where fading ends."""
+        width, height = self.camera.width, self.camera.height
+        x, y = answers.x_px[run], answers.y_px[run]
+        inside = np.minimum(np.minimum(x, width - x), np.minimum(y, height - y))
+        inside = np.clip(inside / (self.options.edge_fade * width), 0.0, 1.0)
+        smooth: FloatArray = inside * inside * (3.0 - 2.0 * inside)
+        return smooth
+
+    def _advance(self, fraction: float) -> None:
+        self.advance(min(1.0, self.rays / max(self.planned, 1)))
+
+    def _result(self, pixel: IntArray) -> GlossyLight:
+        sums = self.sums
+        weight = sums.weight.reshape(-1).take(pixel)
+        inverse = 1.0 / np.maximum(weight, 1e-20)
+        radiance = sums.radiance.reshape(3, -1).take(pixel, axis=1) * inverse
+        hidden = sums.hidden.reshape(-1).take(pixel) * inverse
+        # Rays behind something find, for all that is known, a share of what the others do
+        radiance *= 1.0 + self.options.hidden_light * hidden / np.maximum(1.0 - hidden, 0.1)
+        known = np.minimum(sums.known.reshape(-1).take(pixel) * inverse, 1.0)
+        mean = luminance(radiance.T)
+        squared, first, second = (
+            part.reshape(-1).take(pixel) * inverse * inverse
+            for part in (sums.squared, sums.first, sums.second)
+        )
+        spread = np.maximum(second - 2.0 * mean * first + mean * mean * squared, 0.0)
+        # `squared` is 1 / the number of rays that count; of a single one nothing is known
+        variance = np.where(squared < 0.9, spread / np.maximum(1.0 - squared, 0.1), mean * mean)
+        with np.errstate(divide="ignore"):
+            distance = 1.0 / (sums.nearness.reshape(-1).take(pixel) * inverse)
+        return GlossyLight(np.ascontiguousarray(radiance.T), known, variance, distance, self.rays)
 
 
-def reflect(
-    normal: FloatArray, view: FloatArray, roughness: FloatArray, u: FloatArray, v: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Draw reflection directions about shading normals.
+@dataclass(frozen=True, eq=False)
+class _Tier:
+    """Pixels that are traced alike: a ray set for every ``stride`` x ``stride`` of them."""
 
-    Parameters
-    ----------
-    normal, view : (3, N)
-        Unit shading normals and unit vectors toward the camera.
-    roughness : (N,)
-        As on the Principled BSDF; below `ggx.MIRROR_ROUGHNESS` all rays are the mirror direction.
-    u, v : (rays, N)
-        Sample points of [0, 1)².
+    mask: BoolArray
+    stride: int
+    rays: int
+    reuse: int
+    is_mirror: bool = False
 
-    Returns
-    -------
-    direction : (3, rays, N)
-        Unit directions.
-    weight : (rays, N)
-        f cos / pdf without Fresnel; 0 for directions below the surface.
+
+def _tiers(roughness: FloatArray, is_active: BoolArray, options: ReflectionSettings) -> Iterator[_Tier]:
+    """Sort pixels by roughness: the rougher, the fewer rays."""
+    is_mirror = (roughness < ggx.MIRROR_ROUGHNESS) & options.exact_mirrors
+    is_rough = (roughness >= ROUGH) & options.roughness_tiers
+    stride = STRIDES[options.resolution]
+    yield _Tier(is_active & is_mirror, 1, 1, 0, is_mirror=True)
+    reuse = options.reuse if stride == 1 else max(options.reuse, _LEAST_REUSE)
+    yield _Tier(is_active & ~is_mirror & ~is_rough, stride, options.rays, reuse)
+    reuse = max(options.reuse, _LEAST_REUSE)
+    yield _Tier(is_active & ~is_mirror & is_rough, min(2 * stride, 4), options.rays, reuse)
+
+
+def _spread(pdf: FloatArray, samples: int) -> FloatArray:
+    """Return the diameter, at distance 1, of the cone that one of some samples stands for.
+
+    Its solid angle is 1 / (samples x pdf) (Křivánek and Colbert 2008, equation 6).
     """
-    tangent, bitangent = tangent_frame(normal)
-    local = [(view * axis).sum(axis=0) for axis in (tangent, bitangent, normal)]
-    cosine_view = np.maximum(local[2], _LEAST_VIEW_COSINE)
-    scale = np.sqrt(np.maximum(1.0 - cosine_view * cosine_view, 0.0))
-    scale /= np.sqrt(np.maximum(local[0] ** 2 + local[1] ** 2, 1e-20))
-    local_view = np.stack([local[0] * scale, local[1] * scale, cosine_view])
-    alpha = np.maximum(roughness * roughness, 1e-6)
-    hx, hy, hz = ggx.sample_visible_normal(local_view, alpha, u, v)
-    is_mirror = roughness < ggx.MIRROR_ROUGHNESS
-    hx, hy, hz = np.where(is_mirror, 0.0, hx), np.where(is_mirror, 0.0, hy), np.where(is_mirror, 1.0, hz)
-    twice = 2.0 * (local_view[0] * hx + local_view[1] * hy + local_view[2] * hz)
-    lx, ly, lz = twice * hx - local_view[0], twice * hy - local_view[1], twice * hz - local_view[2]
-    weight = ggx.sample_weight(cosine_view, lz, alpha)
-    direction = to_frame(lx, ly, lz, tangent, bitangent, normal)
-    return direction.astype(normal.dtype), weight.astype(normal.dtype)
+    diameter: FloatArray = 2.0 * np.sqrt(1.0 / (np.pi * samples * pdf))
+    return diameter

@@ -88,8 +88,66 @@ class ReflectionSettings:
         max=4096,
         soft_max=64,
     )
+    resolution: str = option(
+        "full",
+        "Rays for every pixel, or for every 2 x 2 or 4 x 4 pixels; the pixels between take the rays around "
+        "them by their own depth, normal and roughness. Mirrors are always traced in full",
+        label="Resolution",
+        choices=("full", "half", "quarter"),
+    )
+    roughness_tiers: bool = option(
+        False,
+        "Trace rough surfaces at half the resolution: their reflections are wide",
+        label="Fewer Rays on Rough Surfaces",
+    )
+    reuse: int = option(
+        8,
+        "Neighbouring pixels whose rays each pixel takes too, weighted by its own lobe",
+        label="Reuse",
+        unit="pixels",
+        min=0,
+        max=48,
+        soft_max=24,
+    )
+    color_pyramid: bool = option(
+        True,
+        "Read what a ray finds as wide as the part of the lobe that the ray stands for",
+        label="Cone Footprint",
+    )
+    subpixel: bool = option(
+        True, "Read what a ray finds between pixels, not at the nearest one's centre", label="Subpixel Hits"
+    )
+    exact_mirrors: bool = option(
+        True, "Mirrors take one exact ray; otherwise very narrow lobes", label="Exact Mirrors"
+    )
+    elongation: bool = option(
+        True,
+        "Reflections stretch toward the viewer at grazing angles, as those of microfacets do; otherwise "
+        "lobes are round",
+        label="Elongation",
+    )
+    edge_fade: float = option(
+        0.0,
+        "Fade reflections of what lies nearer to the border of the frame than this fraction of its width; "
+        "never where further views go on beyond it",
+        label="Edge Fade",
+        min=0.0,
+        max=0.5,
+    )
+    hidden_light: float = option(
+        0.0,
+        "What rays bring that end behind something, as a fraction of what the pixel's other rays find",
+        label="Hidden Light",
+        min=0.0,
+        max=1.0,
+    )
     filter: bool = option(
         True, "Smooth the noise of rough reflections along surfaces; mirrors stay untouched", label="Denoise"
+    )
+    contact_hardening: bool = option(
+        True,
+        "Smooth less where what is reflected is near, so that reflections stay sharp at the contact",
+        label="Contact Hardening",
     )
 
     def __post_init__(self) -> None:

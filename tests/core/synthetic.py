@@ -6,7 +6,7 @@ Points and normals are world space; a camera that looks down -Z from the origin 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -170,15 +170,22 @@ def make_settings(
     diffuse: bool = True,
     reflections: bool = True,
     method: str = "hierarchical",
+    glossy: Mapping[str, object] | None = None,
     **general: object,
 ) -> Settings:
-    """Return settings without filters and later bounces unless asked for."""
+    """Return settings without filters, later bounces and reuse unless asked for: every ray for itself."""
     base = Settings(**general)
+    plain = {"reuse": 0, "color_pyramid": False, "subpixel": False}
     return replace(
         base,
         diffuse=replace(base.diffuse, enabled=diffuse, rays=rays, bounces=bounces, filter=filter),
         reflections=replace(
-            base.reflections, enabled=reflections, rays=glossy_rays or rays, filter=filter, method=method
+            base.reflections,
+            enabled=reflections,
+            rays=glossy_rays or rays,
+            filter=filter,
+            method=method,
+            **{**plain, **(glossy or {})},
         ),
     )
 

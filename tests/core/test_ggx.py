@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from ssgi_addon.core import ggx
+from ssgi_addon.core.lobes import Lobes
+from ssgi_addon.core.sampling import tangent_frame
 from tests.tolerances import LOBE_MOMENT, UNIT_NORMAL
 
 LOBES = [(cosine, roughness) for cosine in (1.0, 0.7, 0.3, 0.1) for roughness in (0.3, 0.5, 0.8, 1.0)]
@@ -34,6 +36,15 @@ def ggx_d(cosine: np.ndarray, alpha: float) -> np.ndarray:
 
 def smith(cosine: np.ndarray, alpha: float) -> np.ndarray:
     return 0.5 * (np.sqrt(1.0 + alpha**2 * (1.0 / cosine**2 - 1.0)) - 1.0)
+
+
+def unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.linalg.norm(vectors, axis=0)
+
+
+def lobes_at(cosine: float, roughness: float, is_elongated: bool = True) -> Lobes:
+    """Return the lobe of one point whose normal is +Z."""
+    return Lobes.at(np.array([[0.0], [0.0], [1.0]]), view_at(cosine), np.array([roughness]), is_elongated)
 
 
 def sample(cosine: float, roughness: float, count: int = 256) -> np.ndarray:
@@ -65,11 +76,36 @@ def test_mean_weight_is_the_directional_albedo(cosine, roughness):
     half /= np.linalg.norm(half, axis=0)
     shadowing = 1.0 / (1.0 + smith(np.array(cosine), alpha) + smith(light[2], alpha))
     expected = (ggx_d(half[2], alpha) * shadowing / (4.0 * cosine) * solid_angle).sum()
-    found = sample(cosine, roughness)
-    reflected = 2.0 * (found * view).sum(axis=0) * found[2] - cosine
-    weight = ggx.sample_weight(np.full(1, cosine), reflected, np.full(1, alpha))
-    assert weight.mean() == pytest.approx(expected, abs=LOBE_MOMENT)
+    lobes = lobes_at(cosine, roughness)
+    grid = (np.arange(256) + 0.5) / 256
+    u, v = (values.reshape(-1, 1) for values in np.meshgrid(grid, grid))
+    direction, pdf = lobes.draw(u, v, is_mirror=False)
+    wide = Lobes(*(part[:, None] for part in (lobes.normal, lobes.axis, lobes.view)), lobes.alpha)
+    assert (wide.value(direction) / pdf).mean() == pytest.approx(expected, abs=LOBE_MOMENT)
     assert expected <= 1.0 + LOBE_MOMENT
+
+
+@pytest.mark.parametrize(("cosine", "roughness"), LOBES[::3])
+def test_round_lobes_are_drawn_with_the_density_that_they_say(cosine, roughness):
+    lobes = lobes_at(cosine, roughness, is_elongated=False)
+    light, solid_angle = hemisphere()
+    expected = (lobes.value(light) * solid_angle).sum()
+    grid = (np.arange(256) + 0.5) / 256
+    direction, pdf = lobes.draw(*(part.reshape(-1, 1) for part in np.meshgrid(grid, grid)), is_mirror=False)
+    wide = Lobes(*(part[:, None] for part in (lobes.normal, lobes.axis, lobes.view)), lobes.alpha)
+    assert (wide.value(direction) / pdf).mean() == pytest.approx(expected, abs=LOBE_MOMENT)
+
+
+def test_round_lobes_look_the_same_all_around_their_mirror_direction():
+    lobes = lobes_at(0.3, 0.3, is_elongated=False)
+    assert lobes.value(lobes.axis) > 0.0
+    tangent, bitangent = tangent_frame(lobes.axis)
+    angle = np.linspace(0.0, 2.0 * np.pi, 9)[None]
+    around = np.cos(0.1) * lobes.axis + np.sin(0.1) * (np.cos(angle) * tangent + np.sin(angle) * bitangent)
+    values = lobes.value(around)
+    np.testing.assert_allclose(values, values[0], rtol=UNIT_NORMAL)
+    stretched = lobes_at(0.3, 0.3).value(around)
+    assert stretched.max() > 2.0 * stretched.min()
 
 
 def test_sampled_normals_are_unit_vectors_above_the_surface_in_float32(rng):
@@ -90,12 +126,20 @@ def test_smooth_surfaces_reflect_about_their_normal():
 
 
 def test_nothing_is_reflected_below_the_surface_and_at_most_everything_above(rng):
-    view, light, alpha = rng.random(1000) * 0.999 + 1e-3, rng.uniform(-1.0, 1.0, 1000), rng.random(1000)
-    weight = ggx.sample_weight(view, light, alpha)
-    assert (weight[light <= 0.0] == 0.0).all()
-    assert (weight[light > 0.0] > 0.0).all()
-    assert (weight <= 1.0).all()
+    normal, view = (unit(rng.normal(size=(3, 2000))) for _ in range(2))
+    for is_elongated in (True, False):
+        lobes = Lobes.at(normal, view, rng.random(2000), is_elongated)
+        light, pdf = lobes.draw(*rng.random((2, 1, 2000)), is_mirror=False)
+        weight = lobes.value(light[:, 0]) / pdf[0]
+        below = (normal * light[:, 0]).sum(axis=0) <= 0.0
+        assert (weight[below] == 0.0).all()
+        faces = (normal * view).sum(axis=0) > 1e-3
+        assert (weight[faces] <= 1.0 + LOBE_MOMENT).all()
 
 
-def test_mirrors_lose_nothing_to_masking():
-    assert ggx.sample_weight(np.array([0.3]), np.array([0.3]), np.array([1e-6]))[0] == pytest.approx(1.0)
+def test_mirrors_reflect_about_their_normal(rng):
+    normal, view = (unit(rng.normal(size=(3, 100))) for _ in range(2))
+    view *= np.sign((normal * view).sum(axis=0))
+    drawn, _ = Lobes.at(normal, view, np.zeros(100)).draw(*rng.random((2, 1, 100)), is_mirror=True)
+    expected = 2.0 * (normal * view).sum(axis=0) * normal - view
+    np.testing.assert_allclose(drawn[:, 0], expected, atol=UNIT_NORMAL)

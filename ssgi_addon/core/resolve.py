@@ -1,0 +1,301 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Reuse of reflection rays by the pixels around them.
+
+After Stachowiak and Uludag 2015, "Stochastic Screen-Space Reflections": what a ray found counts for every
+pixel near it on the same surface, with the weight f cos / pdf of that pixel's own lobe over the density that
+the ray was drawn with, normalised by the sum of the weights. Rays that found nothing keep their weight.
+A pixel need not have rays of its own, so fewer rays than pixels may be traced.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from . import parallel
+from .camera import Camera
+from .frame_points import surface_points, toward_camera
+from .gbuffer import GBuffer
+from .light import luminance
+from .lobes import Lobes
+from .types import BoolArray, FloatArray, IntArray
+
+# Rays are borrowed from at most this many cells of the grid away.
+MARGIN = 3
+# A neighbour so many times its distance on the grid off the pixel's tangent plane no longer counts.
+_PLANE_WIDTH = 1.0
+# The cosine between normals counts to the power of 2 to this.
+_NORMAL_SQUARINGS = 5
+# No borrowed ray counts more than this many of the pixel's own.
+_MOST_WEIGHT = 4.0
+
+
+class RayGrid:
+    """One or more rays from one pixel of every cell of ``stride`` x ``stride`` pixels.
+
+    Attributes
+    ----------
+    stride
+        Pixels per cell and axis.
+    pixel : (h, w) int64
+        The pixel that the rays start from, -1 where none of the cell's takes part.
+    position, normal : (3, h + 2 MARGIN, w + 2 MARGIN) float32
+        Of that pixel, view space.
+    direction : (rays, 3, ...) float32
+        Unit directions.
+    inverse_distance, inverse_pdf, known : (rays, ...) float32
+        1 / distance to the hit (0 for none), 1 / density per steradian (0 where there is no ray), and how far
+        the ray was answered, 0..1.
+    is_hidden : (rays, ...) bool
+        Rays that ended behind something.
+    radiance : (rays, 3, ...) float32
+        What each ray brings.
+    """
+
+    def __init__(self, is_active: BoolArray, stride: int, rays: int, dtype: np.dtype) -> None:
+        height, width = is_active.shape
+        self.stride, self.shape = stride, (-(-height // stride), -(-width // stride))
+        self.pixel = _chosen_pixels(is_active, stride)
+        wide = tuple(size + 2 * MARGIN for size in self.shape)
+        self.cells = np.flatnonzero(self.pixel.ravel() >= 0)
+        row, column = np.divmod(self.cells, self.shape[1])
+        self.places = (row + MARGIN) * wide[1] + column + MARGIN
+        self.position = np.zeros((3, *wide), dtype=dtype)
+        self.normal = np.zeros((3, *wide), dtype=dtype)
+        self.direction = np.zeros((rays, 3, *wide), dtype=dtype)
+        self.inverse_distance = np.zeros((rays, *wide), dtype=dtype)
+        self.inverse_pdf = np.zeros((rays, *wide), dtype=dtype)
+        self.known = np.zeros((rays, *wide), dtype=dtype)
+        self.is_hidden = np.zeros((rays, *wide), dtype=np.bool_)
+        self.radiance = np.zeros((rays, 3, *wide), dtype=dtype)
+
+    def set_rays(
+        self,
+        places: IntArray,
+        position: FloatArray,
+        normal: FloatArray,
+        direction: FloatArray,
+        pdf: FloatArray,
+    ) -> None:
+        """Store where rays start (3, N), their directions (3, rays, N) and densities (rays, N)."""
+        self.position.reshape(3, -1)[:, places] = position
+        self.normal.reshape(3, -1)[:, places] = normal
+        rays = pdf.shape[0]
+        self.direction.reshape(rays, 3, -1)[:, :, places] = direction.transpose(1, 0, 2)
+        self.inverse_pdf.reshape(rays, -1)[:, places] = 1.0 / np.maximum(pdf, 1e-20)
+
+    def set_answers(
+        self,
+        ray: int,
+        places: IntArray,
+        inverse_distance: FloatArray,
+        radiance: FloatArray,
+        known: FloatArray,
+        is_hidden: BoolArray,
+    ) -> None:
+        """Store what one ray of some cells found; radiance (N, 3), all else (N,)."""
+        self.inverse_distance[ray].reshape(-1)[places] = inverse_distance
+        self.radiance[ray].reshape(3, -1)[:, places] = radiance.T
+        self.known[ray].reshape(-1)[places] = known
+        self.is_hidden[ray].reshape(-1)[places] = is_hidden
+
+
+def _chosen_pixels(is_active: BoolArray, stride: int) -> IntArray:
+    """Return an active pixel of every cell, another one in each cell's turn, or -1."""
+    height, width = is_active.shape
+    rows, columns = -(-height // stride), -(-width // stride)
+    cell_y, cell_x = np.mgrid[0:rows, 0:columns]
+    # A diagonal walk over the cell's pixels, so that neighbouring cells choose different ones
+    turn = (cell_x + 2 * cell_y) % (stride * stride) if stride > 1 else np.zeros_like(cell_x)
+    chosen = np.full((rows, columns), -1, dtype=np.int64)
+    for step in range(stride * stride):
+        number = (turn + step) % (stride * stride)
+        y, x = cell_y * stride + number // stride, cell_x * stride + number % stride
+        inside = (y < height) & (x < width)
+        pixel = np.where(inside, y * width + x, 0)
+        is_free = (chosen < 0) & inside & is_active.reshape(-1).take(pixel)
+        chosen[is_free] = pixel[is_free]
+    return chosen
+
+
+class LobeSums:
+    """Weighted sums over rays, per pixel of the frame.
+
+    Attributes
+    ----------
+    radiance : (3, H, W) float32
+        Σ w L.
+    weight, known, hidden, nearness : (H, W) float32
+        Σ w; Σ w over what was answered, and over what ended behind something; Σ w / distance.
+    squared, first, second : (H, W) float32
+        Σ w², Σ w² l and Σ w² l² with the luminance l.
+    """
+
+    def __init__(self, shape: tuple[int, int], dtype: np.dtype) -> None:
+        self.radiance = np.zeros((3, *shape), dtype=dtype)
+        sums = np.zeros((7, *shape), dtype=dtype)
+        self.weight, self.known, self.hidden, self.nearness, self.squared, self.first, self.second = sums
+
+
+def keep(grid: RayGrid, sums: LobeSums) -> None:
+    """Add to the sums what the one ray of each mirror found, for the pixel that it starts from alone."""
+    pixel = grid.pixel.reshape(-1).take(grid.cells)
+    for total, found in (
+        (sums.radiance, grid.radiance[0]),
+        (sums.known, grid.known),
+        (sums.hidden, grid.is_hidden),
+        (sums.nearness, grid.inverse_distance),
+    ):
+        rows = total.reshape(-1, sums.weight.size)
+        rows[:, pixel] = found.reshape(rows.shape[0], -1).take(grid.places, axis=1)
+    sums.weight.reshape(-1)[pixel] = 1.0
+    sums.squared.reshape(-1)[pixel] = 1.0
+
+
+def neighbour_offsets(stride: int, phase: tuple[int, int], count: int) -> Sequence[tuple[int, int]]:
+    """Return the cells (down, right) whose rays a pixel takes: its own first, then the nearest ones.
+
+    Parameters
+    ----------
+    stride
+        Of the grid.
+    phase
+        Row and column of the pixel within its cell.
+    count
+        Of cells beside its own.
+    """
+    y, x = ((p + 0.5) / stride - 0.5 for p in phase)
+    reach = range(-MARGIN, MARGIN + 1)
+    order = sorted(
+        ((down - y) ** 2 + (right - x) ** 2, abs(down - right), down, right)
+        for down in reach
+        for right in reach
+    )
+    return [(down, right) for _, _, down, right in order[: count + 1]]
+
+
+def resolve(
+    grid: RayGrid,
+    gbuffer: GBuffer,
+    camera: Camera,
+    is_active: BoolArray,
+    reuse: int,
+    is_elongated: bool,
+    sums: LobeSums,
+    threads: int | None,
+) -> None:
+    """Add what the rays of a grid found to the sums of the pixels that take part.
+
+    Parameters
+    ----------
+    grid
+        Rays with their answers.
+    gbuffer, camera
+        The frame.
+    is_active : (H, W)
+        The pixels that receive.
+    reuse
+        Cells beside its own whose rays a pixel takes.
+    is_elongated
+        As in `Lobes.at`.
+    sums
+        Of the frame; changed.
+    threads
+        Worker threads.
+    """
+    height, width = gbuffer.shape
+    stride = grid.stride
+
+    def work(rows: IntArray) -> None:
+        """Resolve pixels of one phase in every cell of a band of the grid's rows."""
+        for phase_y in range(stride):
+            top, bottom = int(rows[0]) * stride + phase_y, min(int(rows[-1]) * stride + phase_y + 1, height)
+            for phase_x in range(stride):
+                where = (slice(top, bottom, stride), slice(phase_x, width, stride))
+                active = is_active[where]
+                if not active.any():
+                    continue
+                band = _Receivers.of(gbuffer, camera, where, is_elongated)
+                cells = (int(rows[0]), 0, *active.shape)
+                for offset in neighbour_offsets(stride, (phase_y, phase_x), reuse):
+                    _borrow(grid, band, cells, offset, active, where, sums)
+
+    per_band = max(1, 16384 // max(1, grid.shape[1]))
+    parallel.run_chunks(work, parallel.split(np.arange(grid.shape[0]), per_band), threads)
+
+
+@dataclass(frozen=True, eq=False)
+class _Receivers:
+    """Pixels that receive: where they are, their lobes, and how many of them a unit of length holds."""
+
+    position: FloatArray
+    lobes: Lobes
+    per_footprint: FloatArray | float
+
+    @classmethod
+    def of(
+        cls, gbuffer: GBuffer, camera: Camera, where: tuple[slice, slice], is_elongated: bool
+    ) -> _Receivers:
+        height, width = gbuffer.shape
+        pixel = np.arange(height * width).reshape(height, width)[where]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            position, normal = surface_points(gbuffer, camera, pixel.ravel())
+        position[:, gbuffer.is_background[where].ravel()] = 1.0
+        view = toward_camera(camera, position)
+        lobes = Lobes.at(
+            normal.reshape(3, *pixel.shape),
+            view.reshape(3, *pixel.shape),
+            gbuffer.roughness[where],
+            is_elongated,
+        )
+        position = position.reshape(3, *pixel.shape)
+        scale = 1.0 if camera.is_orthographic else -position[2]
+        return cls(position, lobes, max(camera.fx, camera.fy) / scale)
+
+
+def _borrow(
+    grid: RayGrid,
+    band: _Receivers,
+    cells: tuple[int, int, int, int],
+    offset: tuple[int, int],
+    active: BoolArray,
+    where: tuple[slice, slice],
+    sums: LobeSums,
+) -> None:
+    """Add the rays of the cells at an offset to the receivers' sums."""
+    top, left, rows, columns = cells
+    there = (
+        slice(top + offset[0] + MARGIN, top + offset[0] + MARGIN + rows),
+        slice(left + offset[1] + MARGIN, left + offset[1] + MARGIN + columns),
+    )
+    apart = grid.position[:, *there] - band.position
+    normal, axis = band.lobes.normal, grid.normal[:, *there]
+    similarity = np.maximum(normal[0] * axis[0] + normal[1] * axis[1] + normal[2] * axis[2], 0.0)
+    for _ in range(_NORMAL_SQUARINGS):
+        np.multiply(similarity, similarity, out=similarity)
+    off_plane = np.abs(apart[0] * normal[0] + apart[1] * normal[1] + apart[2] * normal[2])
+    far = max(1, abs(offset[0]), abs(offset[1])) * grid.stride
+    off_plane *= band.per_footprint
+    similarity *= np.maximum(1.0 - off_plane * (1.0 / (_PLANE_WIDTH * far)), 0.0)
+    similarity *= active
+    for ray in range(grid.radiance.shape[0]):
+        direction, nearness = grid.direction[ray][:, *there], grid.inverse_distance[ray][there]
+        # From this pixel to where the ray ended, or along it where it never ended
+        toward = apart * nearness + direction
+        toward *= 1.0 / np.sqrt(np.maximum((toward * toward).sum(axis=0), 1e-20))
+        weight = band.lobes.value(toward) * grid.inverse_pdf[ray][there]
+        weight = np.minimum(weight, _MOST_WEIGHT) * similarity
+        radiance = grid.radiance[ray][:, *there]
+        sums.radiance[:, *where] += weight * radiance
+        sums.weight[where] += weight
+        sums.known[where] += weight * grid.known[ray][there]
+        sums.hidden[where] += weight * grid.is_hidden[ray][there]
+        sums.nearness[where] += weight * nearness
+        brightness = luminance(np.moveaxis(radiance, 0, -1))
+        np.multiply(weight, weight, out=weight)
+        sums.squared[where] += weight
+        np.multiply(weight, brightness, out=weight)
+        sums.first[where] += weight
+        sums.second[where] += weight * brightness
