@@ -116,3 +116,18 @@ ACCOUNTED_INDIRECT = 0.1
 
 # Mean of pixels that show the sky or an emitter almost alone.
 EMITTED = 0.01
+
+# A mirror against its reflection in closed form, 480 x 270. Light, mean error relative to the contrast of a
+# texture with periods of 12, 24 and 48 pixels: the required bound. Colours between pixels at exact places
+# leave 0.001 to 0.0025, whole pixels 0.008 to 0.025.
+MIRROR_LIGHT_OF_CONTRAST = 0.005
+# Share of the reflections that the frame shows elsewhere and that are found: the required bound (measured
+# 0.999; the rest runs along the wall's edge).
+MIRROR_VISIBLE_KNOWN = 0.99
+# Share of a mirror's pixels that show light where there is sky: a wall's edge is as wide as the patch of a
+# pixel (measured 0.003).
+MIRROR_EDGE_LIGHT = 0.005
+
+# Share of an interior's rays that the benchmarks' compiled tracer sends elsewhere than the walk, and of the
+# cells that they look at: both round alike (measured 0), but compilers may contract products and sums.
+COMPILED_RAYS_THAT_DIFFER = 1e-4
