@@ -20,7 +20,7 @@ LAMPLIGHT = (1.0, 1.0, 1.0)
 
 def build_closed_room() -> bpy.types.Scene:
     """A room without openings: one lamp, a red and a green wall, a white block. The camera is inside."""
-    scene = _new_scene("Closed Room")
+    scene = new_scene("Closed Room")
     _add_room(scene)
     lamp = add_lamp(scene, "Lamp", "POINT", (0.0, 0.3, 2.3), (0.0, 0.3, 0.0), energy=60.0, color=LAMPLIGHT)
     lamp.data.shadow_soft_size = 0.15
@@ -29,7 +29,7 @@ def build_closed_room() -> bpy.types.Scene:
 
 def build_emissive_room() -> bpy.types.Scene:
     """The closed room lit by a glowing mesh in view instead of a lamp."""
-    scene = _new_scene("Emissive Room")
+    scene = new_scene("Emissive Room")
     _add_room(scene)
     glow = new_material("Glow", (1.0, 0.85, 0.6), emission=12.0)
     add_box(scene, "Glowing Panel", glow, (-0.5, 0.4, 2.85), (0.5, 1.4, 2.9))
@@ -38,7 +38,7 @@ def build_emissive_room() -> bpy.types.Scene:
 
 def build_open_field() -> bpy.types.Scene:
     """A ball on endless ground under an even sky, without lamps."""
-    scene = _new_scene("Open Field")
+    scene = new_scene("Open Field")
     scene.world = new_world("Sky", (0.8, 0.9, 1.0), 1.0)
     ground = new_material("Ground", (0.5, 0.4, 0.3), roughness=1.0, specular=0.0)
     add_box(scene, "Ground", ground, (-500.0, -500.0, -1.0), (500.0, 500.0, 0.0))
@@ -49,7 +49,7 @@ def build_open_field() -> bpy.types.Scene:
 
 def build_mirror_floor() -> bpy.types.Scene:
     """A red wall that stands on a mirror and touches it, in sunlight."""
-    scene = _new_scene("Mirror Floor")
+    scene = new_scene("Mirror Floor")
     mirror = new_material("Mirror", (1.0, 1.0, 1.0), roughness=0.0, metallic=1.0)
     wall = new_material("Wall", RED, roughness=1.0, specular=0.0)
     add_box(scene, "Floor", mirror, (-5.0, -5.0, -0.2), (5.0, 5.0, 0.0))
@@ -61,7 +61,7 @@ def build_mirror_floor() -> bpy.types.Scene:
 
 def build_ball_over_plane() -> bpy.types.Scene:
     """A red ball that floats close above a white plane, in sunlight: the plane reddens beneath it."""
-    scene = _new_scene("Ball over Plane")
+    scene = new_scene("Ball over Plane")
     white = new_material("Plane", WHITE, roughness=1.0, specular=0.0)
     red = new_material("Ball", RED, roughness=1.0, specular=0.0)
     add_box(scene, "Plane", white, (-20.0, -20.0, -0.2), (20.0, 20.0, 0.0))
@@ -71,7 +71,7 @@ def build_ball_over_plane() -> bpy.types.Scene:
     return scene
 
 
-def _new_scene(name: str) -> bpy.types.Scene:
+def new_scene(name: str) -> bpy.types.Scene:
     """An empty scene under a black world, set to few and honest samples of a small frame."""
     scene = bpy.data.scenes.new(name)
     scene.world = new_world("Black", BLACK, 0.0)
