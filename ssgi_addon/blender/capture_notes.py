@@ -10,6 +10,12 @@ import bpy
 from .shader_trees import nodes_with_groups, output_link, shaded_materials, shaded_worlds
 
 _MOST_NAMES = 3
+# The input of each glossy node that stretches its highlights along a tangent.
+_ANISOTROPY = {
+    "ShaderNodeBsdfPrincipled": "Anisotropic",
+    "ShaderNodeBsdfAnisotropic": "Anisotropy",  # Glossy BSDF
+    "ShaderNodeBsdfMetallic": "Anisotropy",
+}
 
 
 def capture_notes(scene: bpy.types.Scene) -> tuple[str, ...]:
@@ -20,6 +26,12 @@ def capture_notes(scene: bpy.types.Scene) -> tuple[str, ...]:
         notes.append(
             "Light that comes through refraction is missing, and so are its inner reflections, since Cycles "
             f"counts both as indirect: {_counted(refracting)}."
+        )
+    brushed = [material.name for material in shaded_materials() if _is_anisotropic(material.node_tree)]
+    if brushed:
+        notes.append(
+            "Anisotropic reflections count as isotropic ones of the same roughness in the indirect light: "
+            f"{_counted(brushed)}."
         )
     volumes = [
         owner.name
@@ -44,6 +56,15 @@ def _refracts(tree: bpy.types.NodeTree) -> bool:
         )
         for node in nodes_with_groups(tree)
     )
+
+
+def _is_anisotropic(tree: bpy.types.NodeTree) -> bool:
+    sockets = (
+        node.inputs[_ANISOTROPY[node.bl_idname]]
+        for node in nodes_with_groups(tree)
+        if node.bl_idname in _ANISOTROPY
+    )
+    return any(socket.is_linked or socket.default_value != 0.0 for socket in sockets)
 
 
 def _is_above_zero(socket: bpy.types.NodeSocket) -> bool:
