@@ -13,6 +13,10 @@ from .types import BoolArray, FloatArray, IntArray
 
 # Cones wider than 2 to this many pixels read a cell of that size.
 _MOST_LEVEL = 5
+# Standard deviation of depth, relative, above which a cell of the pyramid is more than one surface.
+_SURFACE_STEP = 0.05
+# Squared length of the mean of a flat cell's normals.
+_FLATNESS = 0.95
 
 
 class HitColors:
@@ -59,78 +63,107 @@ class HitColors:
             return radiance
         for layer in self.layers:
             mine = np.flatnonzero((texel >= layer.offset) & (texel < layer.end))
-            if not mine.size:
-                continue
             pixel = texel.take(mine) - layer.offset
             x, y = answers.x_px[rays].take(mine), answers.y_px[rays].take(mine)
-            level = np.zeros(mine.size, dtype=np.int64)
+            if self.is_subpixel:
+                radiance[mine] = layer.between(pixel, x, y)
             if self.has_levels and spread is not None:
-                level = layer.level_of(pixel, distance.take(mine) * spread.take(mine))
-            found = layer.between(pixel, x, y, level)
-            chosen = np.flatnonzero((level > 0) | self.is_subpixel)
-            radiance[mine.take(chosen)] = found.take(chosen, axis=0)
+                diameter = distance.take(mine) * spread.take(mine)
+                cell = layer.cell_of(pixel, x, y, diameter)
+                wide = np.flatnonzero(cell >= 0)
+                radiance[mine.take(wide)] = layer.means.take(cell.take(wide), axis=0)[:, :3]
         return radiance
 
 
 @dataclass(frozen=True, eq=False)
 class _Layer:
-    """A layer's radiance, level after level; each row is RGB times the share of surface, and that share."""
+    """A layer's radiance and its pyramid.
+
+    Attributes
+    ----------
+    field, offset, end
+        Its surfaces, and where its pixels stand among all texels.
+    pixels : (H*W, 3)
+        Radiance per pixel.
+    means : (cells, 4)
+        Mean radiance per cell of level 1, of level 2, ... one after another, and 1 for cells of one surface.
+    base, width
+        Where each of these levels begins, and how many cells wide it is.
+    """
 
     field: DepthField
     offset: int
     end: int
-    rgba: FloatArray
+    pixels: FloatArray
+    means: FloatArray
     base: IntArray
     width: IntArray
-    height: IntArray
 
     @classmethod
     def of(cls, source: FloatArray, field: DepthField, offset: int, most_level: int) -> _Layer:
         height, width = field.camera.height, field.camera.width
         end = offset + height * width
+        pixels = source[offset:end]
+        levels = []
         is_surface = ~field.is_background.reshape(height, width, 1)
-        rgba = np.empty((height, width, 4), dtype=source.dtype)
-        rgba[..., :3] = source[offset:end].reshape(height, width, 3) * is_surface
-        rgba[..., 3:] = is_surface
-        levels = [rgba]
-        while len(levels) <= most_level and max(levels[-1].shape[:2]) > 1:
-            levels.append(_halved(levels[-1]))
-        sizes = np.array([level.shape[:2] for level in levels], dtype=np.int64)
-        base = np.concatenate([[0], np.cumsum(sizes.prod(axis=1))[:-1]])
-        rows = np.concatenate([level.reshape(-1, 4) for level in levels])
-        return cls(field, offset, end, rows, base, sizes[:, 1].copy(), sizes[:, 0].copy())
+        # Sums over surfaces: radiance, normal, q, q² and their number
+        q = np.where(is_surface, field.front.reshape(height, width, 1), 0.0)
+        planes = (pixels.reshape(height, width, 3), field.normal.reshape(height, width, 3), q, q * q)
+        sums = np.concatenate([*(plane * is_surface for plane in planes), is_surface], axis=-1, dtype=q.dtype)
+        for _ in range(most_level):
+            sums = _halved(sums)
+            levels.append(_means(sums, field))
+        sizes = np.array([level.shape[:2] for level in levels], dtype=np.int64).reshape(-1, 2)
+        base = np.cumsum(np.concatenate([[0], sizes.prod(axis=1)]))[: len(levels)]
+        means = np.concatenate([level.reshape(-1, 4) for level in levels]) if levels else np.zeros((0, 4))
+        return cls(field, offset, end, pixels, means.astype(source.dtype), base, sizes[:, 1].copy())
 
-    def level_of(self, pixel: IntArray, diameter: FloatArray) -> IntArray:
-        """Return the level whose cells are as wide as cones of a diameter, scene units, at some pixels."""
+    def cell_of(self, pixel: IntArray, x_px: FloatArray, y_px: FloatArray, diameter: FloatArray) -> IntArray:
+        """Return the cell as wide as a cone where it hits, no wider than one surface; -1 for single pixels.
+
+        Parameters
+        ----------
+        pixel, x_px, y_px : (N,)
+            What the cones' axes hit.
+        diameter : (N,)
+            Of the cones there, scene units.
+        """
         camera = self.field.camera
         wide = diameter * max(camera.fx, camera.fy)
         if not camera.is_orthographic:
             wide *= self.field.front.take(pixel)
         level: IntArray = np.rint(np.log2(np.maximum(wide, 1.0))).astype(np.int64)
-        np.minimum(level, self.base.shape[0] - 1, out=level)
-        return level
+        np.minimum(level, self.base.shape[0], out=level)
+        chosen = np.full(pixel.shape, -1, dtype=np.int64)
+        last = (camera.width - 1, camera.height - 1)
+        for coarse in range(self.base.shape[0], 0, -1):
+            there = np.flatnonzero((level >= coarse) & (chosen < 0))
+            column, row = (
+                np.clip(position.take(there).astype(np.int64), 0, end) >> coarse
+                for position, end in zip((x_px, y_px), last, strict=True)
+            )
+            cell = self.base[coarse - 1] + row * self.width[coarse - 1] + column
+            is_one = self.means[:, 3].take(cell) > 0.0
+            chosen[there[is_one]] = cell[is_one]
+        return chosen
 
-    def between(self, pixel: IntArray, x_px: FloatArray, y_px: FloatArray, level: IntArray) -> FloatArray:
-        """Return the bilinear mean of the four cells around a point, of those that belong to its surface."""
-        scale = (1.0 / (1 << level)).astype(x_px.dtype)
-        x, y = x_px * scale - 0.5, y_px * scale - 0.5
-        column, row = np.floor(x), np.floor(y)
-        right, down = x - column, y - row
-        column, row = column.astype(np.int64), row.astype(np.int64)
-        base, width, height = self.base.take(level), self.width.take(level), self.height.take(level)
-        own = (self.rgba.take(pixel, axis=0) * x_px.dtype.type(1e-6)).T
-        total = own.copy()
-        is_fine = np.flatnonzero(level == 0)
+    def between(self, pixel: IntArray, x_px: FloatArray, y_px: FloatArray) -> FloatArray:
+        """Return the bilinear mean (N, 3) of the four pixels around points, of those on the same surface."""
+        camera = self.field.camera
+        left, top = np.floor(x_px - 0.5), np.floor(y_px - 0.5)
+        right, down = x_px - 0.5 - left, y_px - 0.5 - top
+        total = np.zeros((3, *pixel.shape), dtype=self.pixels.dtype)
+        weights = np.zeros_like(right)
         for step_y, weight_y in ((0, 1.0 - down), (1, down)):
             for step_x, weight_x in ((0, 1.0 - right), (1, right)):
-                at_x = np.minimum(np.maximum(column + step_x, 0), width - 1)
-                at_y = np.minimum(np.maximum(row + step_y, 0), height - 1)
-                cell = base + at_y * width + at_x
+                x = np.clip(left.astype(np.int64) + step_x, 0, camera.width - 1)
+                y = np.clip(top.astype(np.int64) + step_y, 0, camera.height - 1)
+                other = y * camera.width + x
                 weight = weight_x * weight_y
-                is_same = self._is_same_surface(pixel.take(is_fine), cell.take(is_fine))
-                weight[is_fine] *= is_same
-                total += weight * self.rgba.take(cell, axis=0).T
-        mean: FloatArray = (total[:3] / np.maximum(total[3], 1e-12)).T
+                weight *= (other == pixel) | self._is_same_surface(pixel, other)
+                weights += weight
+                total += weight * self.pixels.take(other, axis=0).T
+        mean: FloatArray = (total / np.maximum(weights, 1e-12)).T
         return mean
 
     def _is_same_surface(self, pixel: IntArray, other: IntArray) -> BoolArray:
@@ -141,6 +174,20 @@ class _Layer:
         step = self.field.front.take(other) - front - gx * right - gy * down
         is_same: BoolArray = np.abs(step) <= 2.0 * self.field.reach.take(pixel)
         return is_same
+
+
+def _means(sums: FloatArray, field: DepthField) -> FloatArray:
+    """Return mean radiance per cell and, in a fourth channel, 1 where the cell holds one flat surface.
+
+    What lies before, behind or around the corner is lit otherwise, and is not what the ray's neighbours see.
+    """
+    count = np.maximum(sums[..., 8:], 1e-20)
+    mean = sums / count
+    q, spread = mean[..., 6], mean[..., 7] - mean[..., 6] ** 2
+    units = field.camera.width / field.camera.fx if field.camera.is_orthographic else np.abs(q)
+    is_flat = (mean[..., 3:6] ** 2).sum(axis=-1) >= _FLATNESS
+    is_one = is_flat & (spread <= (_SURFACE_STEP * units) ** 2) & (sums[..., 8] > 0.0)
+    return np.concatenate([mean[..., :3], is_one[..., None]], axis=-1)
 
 
 def _halved(image: FloatArray) -> FloatArray:

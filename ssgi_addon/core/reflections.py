@@ -229,7 +229,9 @@ class _Reflection:
         spread = np.maximum(second - 2.0 * mean * first + mean * mean * squared, 0.0)
         # `squared` is 1 / the number of rays that count; of a single one nothing is known
         variance = np.where(squared < 0.9, spread / np.maximum(1.0 - squared, 0.1), mean * mean)
-        with np.errstate(divide="ignore"):
+        # Neighbours that share rays err alike: what a filter gains on them is what their own rays are worth
+        variance *= 1.0 + self.options.reuse
+        with np.errstate(divide="ignore", over="ignore"):
             distance = 1.0 / (sums.nearness.reshape(-1).take(pixel) * inverse)
         return GlossyLight(np.ascontiguousarray(radiance.T), known, variance, distance, self.rays)
 

@@ -101,7 +101,7 @@ class ReflectionSettings:
         label="Fewer Rays on Rough Surfaces",
     )
     reuse: int = option(
-        8,
+        4,
         "Neighbouring pixels whose rays each pixel takes too, weighted by its own lobe",
         label="Reuse",
         unit="pixels",
