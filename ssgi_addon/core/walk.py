@@ -258,7 +258,7 @@ class Walk:
         ratio, whole = self.scratch[5, :count], self.scratch[6:8, :count]
         rises, is_below_top = self.masks[1, :count], self.masks[2, :count]
         is_beyond, is_even = self.masks[5:7, :count], self.masks[6:8, :count]
-        # On the way down: beyond the middle once the ray has crossed it
+        # On the way down: beyond the middle once the ray has crossed it, and where it runs along it (NaN)
         np.multiply(size, 0.5, out=ratio)
         np.subtract(border, ratio, out=border)
         np.subtract(border, state[START], out=border)
@@ -271,8 +271,8 @@ class Walk:
         np.logical_or(is_even[0], is_even[1], out=rises)
         np.less(size, self.top_size, out=is_below_top)
         np.logical_and(rises, is_below_top, out=rises)
-        np.greater_equal(state[S], border, out=is_beyond)
-        np.logical_and(is_beyond, is_descending, out=is_beyond)
+        np.less(state[S], border, out=is_beyond)
+        np.greater(is_descending, is_beyond, out=is_beyond)
         np.add(slot, rises, out=slot)
         np.subtract(slot, is_descending, out=slot)
         np.copyto(ratio, size)
