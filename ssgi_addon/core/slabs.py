@@ -7,7 +7,7 @@ import numpy as np
 
 from .field_stack import FieldStack
 from .screen_rays import BLOCKED, HIT, TraceResult
-from .types import FloatArray, IntArray
+from .types import BoolArray, FloatArray, IntArray
 
 _SELF_CONTACT_PX = 2
 
@@ -59,39 +59,69 @@ class SlabTest:
         ids, field, s_out : (N,)
             Numbers of the rays, the fields that they walk, and where they leave their cells.
         """
-        stack, s_in = self.stack, state[S]
-        offset = state[START] - (state[CELL] + 0.5)
-        pixel = self.pixel(state[CELL], state[SIGN], field)
-        front, gx, gy, slab = stack.planes.take(pixel, axis=0).T
-        gx, gy = gx * state[SIGN][0], gy * state[SIGN][1]
-        # h(s) = h0 + s * dh: how far in front of the patch's plane the ray is, in q
-        h0 = state[Q0] - front - gx * offset[0] - gy * offset[1]
-        dh = state[VQ] - gx * state[SPEED][0] - gy * state[SPEED][1]
+        s_in = state[S]
+        pixel, h0, dh, slab = self.heights(state, field)
         h_in, h_out = h0 + dh * s_in, h0 + dh * s_out
         # Neither in front all the way nor behind all the way: through the front, inside, or through the back
         met = np.flatnonzero((np.minimum(h_in, h_out) <= 0.0) & (np.maximum(h_in, h_out) >= -slab))
         if met.size == 0:
             return met
-        h_in, slab, pixel, ids = h_in.take(met), slab.take(met), pixel.take(met), ids.take(met)
-        state, field = state.take(met, axis=1), field.take(met)
-        crosses = h_in > 0.0
+        state, h_in, s_in = state.take(met, axis=1), h_in.take(met), s_in.take(met)
+        s_met = np.where(h_in > 0.0, s_in - h_in / dh.take(met), s_in)
+        ids, field, pixel = ids.take(met), field.take(met), pixel.take(met)
+        return met[self.judge(state, ids, field, pixel, h_in, slab.take(met), s_met)]
+
+    def heights(
+        self, state: FloatArray, field: IntArray
+    ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+        """Return the pixel of each ray's cell, h0 and dh of h(s) = h0 + s * dh, and the slab's extent.
+
+        h is how far in front of the patch's plane the ray is, in q.
+        """
+        offset = state[START] - (state[CELL] + 0.5)
+        pixel = self.pixel(state[CELL], state[SIGN], field)
+        front, gx, gy, slab = self.stack.planes.take(pixel, axis=0).T
+        gx, gy = gx * state[SIGN][0], gy * state[SIGN][1]
+        h0 = state[Q0] - front - gx * offset[0] - gy * offset[1]
+        dh = state[VQ] - gx * state[SPEED][0] - gy * state[SPEED][1]
+        return pixel, h0, dh, slab
+
+    def judge(
+        self,
+        state: FloatArray,
+        ids: IntArray,
+        field: IntArray,
+        pixel: IntArray,
+        h_in: FloatArray,
+        slab: FloatArray,
+        s_met: FloatArray,
+    ) -> BoolArray:
+        """Write what rays meet that come into a slab from height `h_in`; return which of them stop.
+
+        Parameters
+        ----------
+        state : (rows of MEETING, N)
+            Of the rays, in the cell of the slab.
+        ids, field, pixel, h_in, slab, s_met : (N,)
+            Numbers of the rays, their fields, the slabs' pixels, the heights above their fronts that the rays
+            come from, the slabs' extents, and where the rays meet them.
+        """
         faces = self._facing(pixel, ids) < 0.0
         # The step between two pixels of one surface is part of its front
-        reach = stack.reach.take(pixel)
-        stops = np.ones(met.shape, dtype=np.bool_)
+        reach = self.stack.reach.take(pixel)
+        stops = np.ones(ids.shape, dtype=np.bool_)
         if self.starts_on_surface:
             away = _cells_from_origin(state)
             reach += (away <= 1.0) * self._rise_in_own_cell(state, field)
             stops = faces | (away > _SELF_CONTACT_PX)
-        is_hit = faces & (crosses | ((h_in >= -slab) & (h_in >= -reach)))
-        s_met = np.where(crosses, state[S] - h_in / dh.take(met), state[S])
+        is_hit = faces & (h_in >= -np.minimum(slab, reach))
         self._write(np.flatnonzero(stops), is_hit, ids, pixel, s_met, state)
-        return met[stops]
+        return stops
 
     def _write(
         self,
         stops: IntArray,
-        is_hit: FloatArray,
+        is_hit: BoolArray,
         ids: IntArray,
         pixel: IntArray,
         s_met: FloatArray,
