@@ -29,6 +29,7 @@ import numpy as np
 from . import parallel
 from .depth_field import DepthField
 from .field_stack import FieldStack
+from .march import March, MarchOptions
 from .ray_queue import RayQueue
 from .screen_rays import BLOCKED, ESCAPED, HIT, UNKNOWN, ScreenRays, TraceResult, project_rays
 from .types import FloatArray
@@ -39,6 +40,7 @@ __all__ = [
     "ESCAPED",
     "HIT",
     "UNKNOWN",
+    "MarchOptions",
     "ScreenRays",
     "TraceResult",
     "project_rays",
@@ -59,6 +61,7 @@ def trace_rays(
     max_distance: float = np.inf,
     max_steps: int | None = None,
     starts_on_surface: bool = True,
+    march: MarchOptions | None = None,
     threads: int | None = 1,
     advance: parallel.Advance | None = None,
 ) -> TraceResult:
@@ -77,6 +80,9 @@ def trace_rays(
     starts_on_surface
         The rays leave surfaces of this field: the cell under an origin is not tested, and what faces away
         beside it is self-contact. False for rays that come from elsewhere.
+    march
+        Sample the depth buffer at even steps and ignore the pyramid; one sample is one step of `max_steps`.
+        None looks into all that the ray crosses.
     threads
         Worker threads, None for all cores; never changes a result.
     advance
@@ -92,7 +98,7 @@ def trace_rays(
         return project_rays(field, origin_vs[:, where], direction_vs[:, where], max_distance)
 
     stack = FieldStack([field])
-    return _walk(stack, rays_of, direction_vs, starts_on_surface, max_steps, threads, advance)
+    return _walk(stack, rays_of, direction_vs, starts_on_surface, max_steps, march, threads, advance)
 
 
 def trace_visitors(
@@ -101,6 +107,7 @@ def trace_visitors(
     direction_vs: FloatArray,
     *,
     max_steps: int | None = None,
+    march: MarchOptions | None = None,
     threads: int | None = 1,
 ) -> TraceResult:
     """Find the first surface along rays that come from elsewhere, each in its own field of the stack.
@@ -113,7 +120,7 @@ def trace_visitors(
         By `project_rays`, with the index of each ray's field.
     direction_vs : (3, N)
         In the view space of each ray's field.
-    max_steps, threads
+    max_steps, march, threads
         As in `trace_rays`.
 
     Returns
@@ -121,7 +128,7 @@ def trace_visitors(
     TraceResult
         ``pixel`` counts through all fields of the stack.
     """
-    return _walk(stack, rays.run, direction_vs, False, max_steps, threads)
+    return _walk(stack, rays.run, direction_vs, False, max_steps, march, threads)
 
 
 def _walk(
@@ -130,6 +137,7 @@ def _walk(
     direction_vs: FloatArray,
     starts_on_surface: bool,
     max_steps: int | None,
+    march: MarchOptions | None,
     threads: int | None,
     advance: parallel.Advance | None = None,
 ) -> TraceResult:
@@ -140,7 +148,9 @@ def _walk(
     queue = RayQueue(count, rays_of, walks)
 
     def work(_: object) -> None:
-        Walk(stack, queue, direction_vs, starts_on_surface, max_steps, result).run()
+        arguments = (stack, queue, direction_vs, starts_on_surface, max_steps, result)
+        walk = Walk(*arguments) if march is None else March(*arguments, march)
+        walk.run()
 
     def report(_: float) -> None:
         if advance is not None:
