@@ -79,6 +79,23 @@ class ReflectionSettings:
         label="Method",
         choices=("linear", "min_z", "hierarchical"),
     )
+    march_step: float = option(
+        0.0,
+        "Distance of the samples along a ray, for the linear method alone. 0 looks into every pixel that the "
+        "ray crosses; longer steps are faster and miss what lies between them. Below 1/32 counts as 1/32",
+        label="March Step",
+        unit="pixels",
+        min=0.0,
+        max=1024.0,
+        soft_max=16.0,
+    )
+    bisections: int = option(
+        5,
+        "Times that the step which holds a hit is halved, where the linear method takes steps",
+        label="Bisections",
+        min=0,
+        max=16,
+    )
     rays: int = option(
         4,
         "Reflection rays per pixel; mirrors always take one exact ray",
