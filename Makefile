@@ -11,13 +11,14 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Blender finds no preferences and no extensions of the user here, and leaves none.
 export BLENDER_USER_RESOURCES := $(CURDIR)/.cache/blender
 
-.PHONY: help env demo test lint package clean
+.PHONY: help env demo test lint bench package clean
 
 help:
 	@echo "make env      environment with Blender as a Python module, in $(VENV)"
 	@echo "make demo     the whole job on the demo scene; prints where the picture is"
 	@echo "make test     all tests (ARGS='-k name' for some)"
 	@echo "make lint     style and types"
+	@echo "make bench    speed and memory of the tracer, in benchmarks/results (minutes; keep the machine quiet)"
 	@echo "make package  the extension, in dist/"
 	@echo "make clean    remove the environment and everything that was built"
 
@@ -44,6 +45,12 @@ lint: $(READY)
 	@$(RUN) -m ruff check
 	@$(RUN) -m ruff format --check
 	@$(RUN) -m mypy
+
+bench: $(READY)
+	@$(RUN) -m pip install -qq --editable '.[bench]'
+	@$(RUN) -m benchmarks.tracer_speed --output benchmarks/results/tracer_speed.json $(ARGS)
+	@$(RUN) -m benchmarks.scaling --output benchmarks/results/scaling.json $(ARGS)
+	@$(RUN) -m benchmarks.summary
 
 package: $(READY)
 	@mkdir -p dist

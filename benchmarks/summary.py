@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Write the tables of ``README.md`` from the stored results of the speed benchmarks.
+
+Run from the repository's root: ``python -m benchmarks.summary``. What stands between the comments
+``<!-- NAME -->`` and ``<!-- /NAME -->`` is replaced.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from ssgi_addon.files import read_json
+
+FOLDER = Path(__file__).parent
+Record = Mapping[str, Any]
+
+
+def tracer_speed(record: Record) -> str:
+    """Return the table of `tracer_speed`."""
+    what = record["parameters"]
+    size = "{} × {}".format(*what["size"])
+    text = f"{what['scene']}, {size}, {what['rays']:,} rays, {what['threads']} threads. {_where(record)}"
+    head = (
+        "walk",
+        "seconds",
+        "spread",
+        "ns/ray",
+        "cells/ray",
+        "× linear",
+        "× compiled",
+        "differ from linear",
+    )
+    rows = [
+        (
+            row["method"],
+            f"{row['seconds']:.2f}",
+            f"{row['spread']:.0%}",
+            f"{row['ns_per_ray']:.0f}",
+            f"{row['cells_per_ray']:.1f}",
+            f"{row['times_faster_than_linear']:.2f}",
+            f"{row['times_slower_than_compiled']:.2f}",
+            f"{row['differ_from_linear']:.4%}",
+        )
+        for row in record["results"]
+    ]
+    first = record["results"][0]
+    shares = ", ".join(f"{first[name]:.1%} {name}" for name in ("hit", "blocked", "escaped", "unknown"))
+    return f"{text}\nOf the rays {shares}.\n\n{_table(head, rows)}"
+
+
+def scaling(record: Record) -> str:
+    """Return the table of `scaling`."""
+    what = record["parameters"]
+    text = f"{what['scene']}, {what['threads']} threads. {_where(record)}"
+    head = ("work", "size", "seconds", "spread", "ns/pixel", "resident bytes/pixel", "allocated bytes/pixel")
+    rows = [
+        (
+            work,
+            f"{row['width']} × {row['height']}",
+            f"{row['seconds']:.2f}",
+            f"{row['spread']:.0%}",
+            f"{row['seconds'] / (row['width'] * row['height']) * 1e9:.0f}",
+            "–" if row["resident_bytes"] is None else f"{row['resident_bytes']:.0f}",
+            f"{row['allocated_bytes']:.0f}",
+        )
+        for work, found in record["results"].items()
+        for row in found["sizes"]
+    ]
+    growth = ", ".join(
+        f"{work}: seconds ~ pixels^{found['exponent']:.2f}"
+        for work, found in record["results"].items()
+        if found["exponent"] is not None
+    )
+    return f"{text}\n{growth}.\n\n{_table(head, rows)}"
+
+
+TABLES: dict[str, Callable[[Record], str]] = {"tracer_speed": tracer_speed, "scaling": scaling}
+
+
+def _where(record: Record) -> str:
+    machine, versions = record["machine"], record["versions"]
+    return (
+        f"{machine['cpu']}, {machine['cores']} cores, {machine['memory_gb']:.0f} GB; "
+        f"Python {versions['python']}, numpy {versions['numpy']}; "
+        f"commit {versions['commit']}, {record['date'][:10]}."
+    )
+
+
+def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    head = tuple(head)
+    lines = (head, ["---"] * len(head), *rows)
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def main() -> None:
+    """Replace the tables whose results are stored."""
+    readme = FOLDER / "README.md"
+    text = readme.read_text(encoding="utf-8")
+    for name, table in TABLES.items():
+        path = FOLDER / "results" / f"{name}.json"
+        if path.is_file():
+            new = f"<!-- {name} -->\n{table(read_json(path))}\n<!-- /{name} -->"
+            text = re.sub(f"<!-- {name} -->.*<!-- /{name} -->", lambda _, new=new: new, text, flags=re.DOTALL)
+    readme.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
