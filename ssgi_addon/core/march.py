@@ -25,12 +25,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from .field_stack import FieldStack
-from .ray_queue import RayQueue
-from .screen_rays import TraceResult
-from .slabs import CELL, MEETING, S_END, SIGN, SPEED, START, S
+from .ray_queue import RayGroup, RayQueue
+from .screen_rays import ScreenRays, TraceResult
+from .slabs import CELL, INVERSE, S_END, SIGN, SIZE, SPEED, START, S
 from .types import BoolArray, FloatArray, IntArray
 from .walk import Walk
 
+# What a march keeps in rows of the state that it has no other use for: the last column and row of the frame
+# ahead, mirrored, and the length of a step in s.
+LAST_CELL, LENGTH = INVERSE, SIZE
 # Shorter steps show nothing new, and a slip to a millionth of a pixel would never end.
 _SHORTEST_STEP = 1.0 / 32.0
 
@@ -76,31 +79,63 @@ class March(Walk):
         options: MarchOptions,
     ) -> None:
         super().__init__(stack, queue, direction_vs, starts_on_surface, max_steps, result)
-        self.options = options
+        self.step, self.bisections = max(options.step, _SHORTEST_STEP), options.bisections
         self.frame = np.array([[stack.width], [stack.height]], dtype=direction_vs.dtype)
+
+    def _place(self, rays: ScreenRays, ids: IntArray) -> RayGroup:
+        """Return rays at their start, with what a step needs."""
+        group = super()._place(rays, ids)
+        state = group.state
+        state[LENGTH] = self.step / np.maximum(*state[SPEED])
+        state[LAST_CELL] = np.where(state[SIGN] < 0.0, self.padded, self.frame) - 1.0
+        return group
 
     def _step(self) -> None:
         """Test every ray at its next sample."""
         self.steps += 1
-        group, state = self.group, self.group.state
-        length = max(self.options.step, _SHORTEST_STEP) / np.maximum(*state[SPEED])
-        length *= np.where(group.birth == self.steps - 1, 0.5, 1.0)
-        # A step too short for the last digit of s still moves
-        s = np.maximum(state[S] + length, np.nextafter(state[S], np.inf))
+        group, state, count = self.group, self.group.state, self.group.size
+        position, s = self.scratch[0:2, :count], self.scratch[4, :count]
+        touches, flag = self.masks[0:2, :count]
+        # Go on by a step, by half of the first one; what is too short to count in s still moves
+        np.equal(group.birth, self.steps - 1, out=flag)
+        np.divide(state[LENGTH], flag + np.int8(1), out=s)
+        np.add(state[S], s, out=s)
+        np.maximum(s, np.nextafter(state[S], np.inf), out=s)
         np.minimum(s, state[S_END], out=s)
-        found = np.flatnonzero(self._is_inside(state, group.field, s))
-        if found.size:
-            self._retire(found.take(self._meet(found, s.take(found))), s)
-        over = np.flatnonzero(s >= state[S_END])
+        # Leave out the rays that pass in front of all that is in the cell below, or behind it
+        _find_cell(state, s, position)
+        self._test_bounds(s, touches, flag)
+        near = np.flatnonzero(touches)
+        if near.size:
+            self._retire(near.take(self._meet(near, s.take(near))), s)
+        np.greater_equal(s, state[S_END], out=flag)
+        over = np.flatnonzero(flag)
         if over.size:
             self._finish(group, over)
             self._retire(over, s)
-        state[S] = s
+        np.copyto(state[S], s)
+
+    def _meet(self, near: IntArray, s: FloatArray) -> IntArray:
+        """Refine and write what those rays meet that are inside a slab at s; return which of them stop."""
+        state, field = self.group.state.take(near, axis=1), self.group.field.take(near)
+        found = np.flatnonzero(self._is_inside(state, field, s))
+        if not found.size:
+            return found
+        state, field, ids = state.take(found, axis=1), field.take(found), self.group.id.take(near.take(found))
+        outside, inside = state[S].copy(), s.take(found)
+        for _ in range(self.bisections):
+            middle = 0.5 * (outside + inside)
+            is_inside = self._is_inside(state, field, middle)
+            inside = np.where(is_inside, middle, inside)
+            outside = np.where(is_inside, outside, middle)
+        _find_cell(state, inside, np.empty_like(state[CELL]))
+        pixel, h0, dh, slab = self.slabs.heights(state, field)
+        stops = self.slabs.judge(state, ids, field, pixel, h0 + dh * outside, slab, inside)
+        return found[stops]
 
     def _is_inside(self, state: FloatArray, field: IntArray, s: FloatArray) -> BoolArray:
-        """Set each ray's cell to the one under it at s; return whether it is inside that cell's slab."""
-        ahead = np.where(state[SIGN] < 0.0, self.padded, self.frame)  # the frame's border, (2, N)
-        np.minimum(np.floor(state[START] + state[SPEED] * s), ahead - 1.0, out=state[CELL])
+        """Move rays over the cell below them at s; return which are inside its slab."""
+        _find_cell(state, s, np.empty_like(state[CELL]))
         _, h0, dh, slab = self.slabs.heights(state, field)
         h = h0 + dh * s
         is_inside: BoolArray = (h <= 0.0) & (h >= -slab)
@@ -108,16 +143,10 @@ class March(Walk):
             is_inside &= (state[CELL] != np.floor(state[START])).any(axis=0)
         return is_inside
 
-    def _meet(self, found: IntArray, s: FloatArray) -> IntArray:
-        """Write what the found rays, inside at s, meet after their last samples; return those that stop."""
-        state, ids = self.group.state[MEETING].take(found, axis=1), self.group.id.take(found)
-        field, outside, inside = self.group.field.take(found), state[S].copy(), s
-        for _ in range(self.options.bisections):
-            middle = 0.5 * (outside + inside)
-            is_inside = self._is_inside(state, field, middle)
-            inside = np.where(is_inside, middle, inside)
-            outside = np.where(is_inside, outside, middle)
-        self._is_inside(state, field, inside)
-        pixel, h0, dh, slab = self.slabs.heights(state, field)
-        h_outside = h0 + dh * outside
-        return np.flatnonzero(self.slabs.judge(state, ids, field, pixel, h_outside, slab, inside))
+
+def _find_cell(state: FloatArray, s: FloatArray, position: FloatArray) -> None:
+    """Set each ray's cell to the one below it at s; `position` is used up."""
+    np.multiply(state[SPEED], s, out=position)
+    np.add(position, state[START], out=position)
+    np.floor(position, out=position)
+    np.minimum(position, state[LAST_CELL], out=state[CELL])

@@ -11,7 +11,7 @@ from typing import TypeVar
 from .types import IntArray
 
 # Rays that are traced at a time: enough that the last ones, which cost calls, are few; some 75 bytes each.
-RAYS_AT_ONCE = 2_097_152
+RAYS_AT_ONCE = 1_048_576
 # Rays of a task that draws or shades them.
 RAYS_PER_TASK = 65536
 

@@ -20,7 +20,7 @@ from .frame_points import surface_points, toward_camera
 from .hit_colors import HitColors
 from .light import luminance
 from .lobes import Lobes
-from .resolve import LobeSums, RayGrid, keep, resolve
+from .resolve import LobeSums, RayGrid, grid_shape, keep, resolve
 from .sampling import sample_square
 from .scene import Answers, TraceScene
 from .settings import ReflectionSettings, Settings
@@ -127,42 +127,50 @@ class _Reflection:
         """Trace the rays of some pixels, as many at a time as memory is meant for, and resolve them."""
         if not tier.mask.any():
             return
-        at_once = max(1, parallel.RAYS_AT_ONCE // (tier.mask.size // tier.stride**2))
+        rows, columns = grid_shape(tier.mask.shape, tier.stride)
+        at_once = min(tier.rays, max(1, parallel.RAYS_AT_ONCE // (rows * columns)))
+        bands = parallel.split(np.arange(rows), max(1, parallel.RAYS_AT_ONCE // (at_once * columns)))
         for begin in range(0, tier.rays, at_once):
             chosen = slice(begin, min(begin + at_once, tier.rays))
-            grid = RayGrid(tier.mask, tier.stride, chosen.stop - chosen.start, self.gbuffer.depth.dtype)
-            for cells in parallel.split(np.arange(grid.cells.size), parallel.RAYS_AT_ONCE):
-                self._fill(grid, tier, cells, chosen)
-            if tier.is_mirror:
-                keep(grid, self.sums)
-            else:
-                resolve(
-                    grid, self.gbuffer, self.camera, tier.mask, tier.reuse, self.options.elongation,
-                    self.sums, self.settings.threads,
-                )  # fmt: skip
+            for band in bands:
+                self._trace_band(tier, chosen, int(band[0]), int(band[-1]) + 1)
 
-    def _fill(self, grid: RayGrid, tier: _Tier, cells: IntArray, chosen: slice) -> None:
-        """Draw, trace and shade the chosen ones of the rays that some cells of a grid have."""
+    def _trace_band(self, tier: _Tier, chosen: slice, top: int, bottom: int) -> None:
+        """Trace the chosen ones of the rays of a tier's cells in some rows, and resolve them."""
+        count, dtype = chosen.stop - chosen.start, self.gbuffer.depth.dtype
+        grid = RayGrid(tier.mask, tier.stride, count, top, bottom, dtype)
+        if not grid.cells.size:
+            return
+        self._fill(grid, tier, chosen)
+        if tier.is_mirror:
+            keep(grid, self.sums)
+        else:
+            resolve(
+                grid, self.gbuffer, self.camera, tier.mask, tier.reuse, self.options.elongation,
+                self.sums, self.settings.threads,
+            )  # fmt: skip
+
+    def _fill(self, grid: RayGrid, tier: _Tier, chosen: slice) -> None:
+        """Draw, trace and shade the chosen ones of the rays that a grid's cells have."""
         count, threads, dtype = chosen.stop - chosen.start, self.settings.threads, self.gbuffer.depth.dtype
+        cells = grid.cells
         origin, direction = np.empty((2, 3, count, cells.size), dtype=dtype)
         spread = np.empty((count, cells.size), dtype=dtype)
 
         def draw(slots: IntArray) -> None:
             where, own = slice(slots[0], slots[-1] + 1), cells.take(slots)
-            pixel = grid.pixel.reshape(-1).take(grid.cells.take(own))
+            pixel = grid.pixel.take(slots)
             point, normal = surface_points(self.gbuffer, self.camera, pixel)
             roughness = self.gbuffer.roughness.reshape(-1).take(pixel)
             lobes = Lobes.at(normal, toward_camera(self.camera, point), roughness, self.options.elongation)
-            u, v = sample_square(
-                grid.cells.take(own), grid.shape[1], tier.rays, self.settings.seed + _SEED_OFFSET, dtype
-            )
+            u, v = sample_square(own, grid.columns, tier.rays, self.settings.seed + _SEED_OFFSET, dtype)
             drawn, pdf = lobes.draw(u[chosen], v[chosen], tier.is_mirror)
             direction[:, :, where], origin[:, :, where] = drawn, point[:, None]
             spread[:, where] = 0.0 if tier.is_mirror else _spread(pdf, tier.rays * (1 + tier.reuse))
-            grid.set_rays(grid.places.take(own), point, normal, drawn, pdf)
+            grid.set_rays(grid.places(own), point, normal, drawn, pdf)
 
         def shade(slots: IntArray) -> None:
-            places = grid.places.take(cells.take(slots))
+            places = grid.places(cells.take(slots))
             for ray in range(count):
                 run = slice(ray * cells.size + slots[0], ray * cells.size + slots[-1] + 1)
                 way, wide = direction.reshape(3, -1)[:, run], spread.reshape(-1)[run]

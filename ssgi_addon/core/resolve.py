@@ -33,16 +33,24 @@ _MOST_WEIGHT = 4.0
 
 
 class RayGrid:
-    """One or more rays from one pixel of every cell of ``stride`` x ``stride`` pixels.
+    """One or more rays from one pixel of every cell of ``stride`` x ``stride`` pixels, for a band of rows.
+
+    The arrays hold the band's cells and MARGIN more on every side, with rays where the frame has some there.
 
     Attributes
     ----------
     stride
         Pixels per cell and axis.
-    pixel : (h, w) int64
-        The pixel that the rays start from, -1 where none of the cell's takes part.
-    position, normal : (3, h + 2 MARGIN, w + 2 MARGIN) float32
-        Of that pixel, view space.
+    top, bottom
+        First row of cells of the band, and the one after its last.
+    columns
+        Cells per row.
+    cells : (N,) int64
+        Flat indices, in the whole frame's grid, of the cells that have rays.
+    pixel : (N,) int64
+        The pixels that they start from.
+    position, normal : (3, bottom - top + 2 MARGIN, columns + 2 MARGIN) float32
+        Of those pixels, view space.
     direction : (rays, 3, ...) float32
         Unit directions.
     inverse_distance, inverse_pdf, known : (rays, ...) float32
@@ -54,22 +62,29 @@ class RayGrid:
         What each ray brings.
     """
 
-    def __init__(self, is_active: BoolArray, stride: int, rays: int, dtype: np.dtype) -> None:
-        height, width = is_active.shape
-        self.stride, self.shape = stride, (-(-height // stride), -(-width // stride))
-        self.pixel = _chosen_pixels(is_active, stride)
-        wide = tuple(size + 2 * MARGIN for size in self.shape)
-        self.cells = np.flatnonzero(self.pixel.ravel() >= 0)
-        row, column = np.divmod(self.cells, self.shape[1])
-        self.places = (row + MARGIN) * wide[1] + column + MARGIN
-        self.position = np.zeros((3, *wide), dtype=dtype)
-        self.normal = np.zeros((3, *wide), dtype=dtype)
-        self.direction = np.zeros((rays, 3, *wide), dtype=dtype)
-        self.inverse_distance = np.zeros((rays, *wide), dtype=dtype)
-        self.inverse_pdf = np.zeros((rays, *wide), dtype=dtype)
-        self.known = np.zeros((rays, *wide), dtype=dtype)
-        self.is_hidden = np.zeros((rays, *wide), dtype=np.bool_)
-        self.radiance = np.zeros((rays, 3, *wide), dtype=dtype)
+    def __init__(
+        self, is_active: BoolArray, stride: int, rays: int, top: int, bottom: int, dtype: np.dtype
+    ) -> None:
+        rows, self.columns = grid_shape(is_active.shape, stride)
+        self.stride, self.top, self.bottom = stride, top, bottom
+        self.cells, self.pixel = _chosen_pixels(
+            is_active, stride, max(0, top - MARGIN), min(rows, bottom + MARGIN)
+        )
+        shape = (bottom - top + 2 * MARGIN, self.columns + 2 * MARGIN)
+        self.position = np.zeros((3, *shape), dtype=dtype)
+        self.normal = np.zeros((3, *shape), dtype=dtype)
+        self.direction = np.zeros((rays, 3, *shape), dtype=dtype)
+        self.inverse_distance = np.zeros((rays, *shape), dtype=dtype)
+        self.inverse_pdf = np.zeros((rays, *shape), dtype=dtype)
+        self.known = np.zeros((rays, *shape), dtype=dtype)
+        self.is_hidden = np.zeros((rays, *shape), dtype=np.bool_)
+        self.radiance = np.zeros((rays, 3, *shape), dtype=dtype)
+
+    def places(self, cells: IntArray) -> IntArray:
+        """Return where cells stand in the flat arrays."""
+        row, column = np.divmod(cells, self.columns)
+        places: IntArray = (row - self.top + MARGIN) * self.position.shape[2] + column + MARGIN
+        return places
 
     def set_rays(
         self,
@@ -102,14 +117,19 @@ class RayGrid:
         self.is_hidden[ray].reshape(-1)[places] = is_hidden
 
 
-def _chosen_pixels(is_active: BoolArray, stride: int) -> IntArray:
-    """Return an active pixel of every cell, another one in each cell's turn, or -1."""
+def grid_shape(shape: tuple[int, ...], stride: int) -> tuple[int, int]:
+    """Return rows and columns of the cells that cover an image."""
+    return -(-shape[0] // stride), -(-shape[1] // stride)
+
+
+def _chosen_pixels(is_active: BoolArray, stride: int, first: int, last: int) -> tuple[IntArray, IntArray]:
+    """Return the cells of some rows that have active pixels, and one such pixel of each."""
     height, width = is_active.shape
-    rows, columns = -(-height // stride), -(-width // stride)
-    cell_y, cell_x = np.mgrid[0:rows, 0:columns]
+    columns = grid_shape(is_active.shape, stride)[1]
+    cell_y, cell_x = np.mgrid[first:last, 0:columns]
     # A diagonal walk over the cell's pixels, so that neighbouring cells choose different ones
-    turn = (cell_x + 2 * cell_y) % (stride * stride) if stride > 1 else np.zeros_like(cell_x)
-    chosen = np.full((rows, columns), -1, dtype=np.int64)
+    turn = cell_x + 2 * cell_y
+    chosen = np.full(cell_x.shape, -1, dtype=np.int64)
     for step in range(stride * stride):
         number = (turn + step) % (stride * stride)
         y, x = cell_y * stride + number // stride, cell_x * stride + number % stride
@@ -117,7 +137,8 @@ def _chosen_pixels(is_active: BoolArray, stride: int) -> IntArray:
         pixel = np.where(inside, y * width + x, 0)
         is_free = (chosen < 0) & inside & is_active.reshape(-1).take(pixel)
         chosen[is_free] = pixel[is_free]
-    return chosen
+    taken = np.flatnonzero(chosen.reshape(-1) >= 0)
+    return taken + first * columns, chosen.reshape(-1).take(taken)
 
 
 class LobeSums:
@@ -141,7 +162,9 @@ class LobeSums:
 
 def keep(grid: RayGrid, sums: LobeSums) -> None:
     """Add to the sums what the one ray of each mirror found, for the pixel that it starts from alone."""
-    pixel = grid.pixel.reshape(-1).take(grid.cells)
+    row = grid.cells // grid.columns
+    own = np.flatnonzero((row >= grid.top) & (row < grid.bottom))
+    pixel, places = grid.pixel.take(own), grid.places(grid.cells.take(own))
     for total, found in (
         (sums.radiance, grid.radiance[0]),
         (sums.known, grid.known),
@@ -149,7 +172,7 @@ def keep(grid: RayGrid, sums: LobeSums) -> None:
         (sums.nearness, grid.inverse_distance),
     ):
         rows = total.reshape(-1, sums.weight.size)
-        rows[:, pixel] = found.reshape(rows.shape[0], -1).take(grid.places, axis=1)
+        rows[:, pixel] = found.reshape(rows.shape[0], -1).take(places, axis=1)
     sums.weight.reshape(-1)[pixel] = 1.0
     sums.squared.reshape(-1)[pixel] = 1.0
 
@@ -218,12 +241,12 @@ def resolve(
                 if not active.any():
                     continue
                 band = _Receivers.of(gbuffer, camera, where, is_elongated)
-                cells = (int(rows[0]), 0, *active.shape)
+                cells = (int(rows[0]) - grid.top, 0, *active.shape)
                 for offset in neighbour_offsets(stride, (phase_y, phase_x), reuse):
                     _borrow(grid, band, cells, offset, active, where, sums)
 
-    per_band = max(1, 16384 // max(1, grid.shape[1]))
-    parallel.run_chunks(work, parallel.split(np.arange(grid.shape[0]), per_band), threads)
+    per_band = max(1, 16384 // grid.columns)
+    parallel.run_chunks(work, parallel.split(np.arange(grid.top, grid.bottom), per_band), threads)
 
 
 @dataclass(frozen=True, eq=False)

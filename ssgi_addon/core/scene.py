@@ -151,20 +151,33 @@ class TraceScene:
             As in `tracer.trace_rays`.
         """
         view, count = self.views[home], origin_vs.shape[1]
+        if len(self.views) == len(view.fields) == 1:
+            found = self._trace(view.fields[0], origin_vs, direction_vs, threads, advance)
+            return _answers(found.status, found.pixel, found.distance, found.x_px, found.y_px, self.texels)
         merged = _Merged(count, origin_vs.dtype)
         everywhere = np.arange(count)
         left = np.empty(0, dtype=origin_vs.dtype)
         for layer, (field, offset) in enumerate(zip(view.fields, view.offsets, strict=True)):
-            found = tracer.trace_rays(
-                field, origin_vs, direction_vs, max_distance=self.max_distance, max_steps=self.max_steps,
-                threads=threads, advance=advance,
-            )  # fmt: skip
+            found = self._trace(field, origin_vs, direction_vs, threads, advance)
             merged.add(field, offset, everywhere, found)
             left = found.distance if layer == 0 else left
         onward = np.flatnonzero((merged.status() == tracer.UNKNOWN) & np.isfinite(left))
         if len(self.views) > 1 and onward.size:
             self._continue_elsewhere(home, origin_vs, direction_vs, left, onward, merged, threads)
         return merged.answers(self.texels)
+
+    def _trace(
+        self,
+        field: DepthField,
+        origin_vs: FloatArray,
+        direction_vs: FloatArray,
+        threads: int | None,
+        advance: parallel.Advance | None,
+    ) -> tracer.TraceResult:
+        return tracer.trace_rays(
+            field, origin_vs, direction_vs, max_distance=self.max_distance, max_steps=self.max_steps,
+            threads=threads, advance=advance,
+        )  # fmt: skip
 
     def _continue_elsewhere(
         self,
@@ -260,16 +273,17 @@ class _Merged:
 
     def answers(self, texels: int) -> Answers:
         """Return what is known by now; `texels` is the texel of rays that hit nothing."""
-        status = self.status()
-        other = np.flatnonzero(status != tracer.HIT)
-        for values, nothing in (
-            (self.texel, texels),
-            (self.nearest, np.inf),
-            (self.x_px, 0.0),
-            (self.y_px, 0.0),
-        ):
-            values[other] = nothing
-        return Answers(status, self.texel, self.nearest, self.x_px, self.y_px)
+        return _answers(self.status(), self.texel, self.nearest, self.x_px, self.y_px, texels)
+
+
+def _answers(
+    status: StatusArray, texel: IntArray, distance: FloatArray, x: FloatArray, y: FloatArray, texels: int
+) -> Answers:
+    """Return answers that hold nothing of rays that hit nothing; the arrays become the answers' own."""
+    other = np.flatnonzero(status != tracer.HIT)
+    for values, nothing in ((texel, texels), (distance, np.inf), (x, 0.0), (y, 0.0)):
+        values[other] = nothing
+    return Answers(status, texel, distance, x, y)
 
 
 @dataclass(frozen=True, eq=False)

@@ -83,7 +83,7 @@ class Walk:
     def _make_scratch(self) -> None:
         capacity, dtype = self.group.size, self.padded.dtype
         self.scratch = np.empty((8, capacity), dtype=dtype)
-        self.bound = np.empty((capacity, 2), dtype=dtype)
+        self.bound = np.empty((capacity, 2), dtype=self.stack.planes.dtype)
         self.masks = np.empty((8, capacity), dtype=np.bool_)
         self.indices = np.empty((2, capacity), dtype=np.int64)
         # Cell numbers are exact in a float32 up to its mantissa
