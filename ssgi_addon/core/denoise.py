@@ -11,8 +11,10 @@ leave luminance out: single pixels of few rays are too far apart to be told from
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from . import parallel
 from .camera import Camera
@@ -39,7 +41,7 @@ def filter_light(
     camera: Camera,
     signal: FloatArray,
     variance: FloatArray,
-    levels: IntArray,
+    levels: NDArray[np.integer[Any]],
     threads: int | None,
 ) -> FloatArray:
     """Smooth noisy light along surfaces.

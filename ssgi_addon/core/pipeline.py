@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from . import diffuse, ggx, parallel, reflections
 from .camera import Camera
@@ -216,14 +217,19 @@ class _Run:
         self.visibility = np.minimum(smooth[:, 6], 1.0)
 
     def _smooth(
-        self, home: int, signal: FloatArray, pixel: IntArray, variance: FloatArray, levels: IntArray | int
+        self,
+        home: int,
+        signal: FloatArray,
+        pixel: IntArray,
+        variance: FloatArray,
+        levels: NDArray[np.int8] | int,
     ) -> FloatArray:
         """Smooth a view's signal (pixels, C); variance and filter levels belong to the listed pixels."""
         view = self.scene.views[home]
         height, width = view.layers[0].shape
         variances = np.zeros(height * width, dtype=signal.dtype)
         variances[pixel] = variance
-        level_map = np.zeros(height * width, dtype=np.int64)
+        level_map = np.zeros(height * width, dtype=np.int8)
         level_map[pixel] = levels
         shape = (height, width)
         smooth = filter_light(
@@ -256,10 +262,11 @@ class _Run:
         self.known_glossy[pixels] = found.known
         self.glossy[pixels] = self._fill(found.radiance, found.known, self.settings.reflections.rays)
         if self.settings.reflections.filter:
-            levels = self._lobe_levels(pixels, found.distance)
-            self.glossy = self._smooth(0, self.glossy, pixels, found.variance, levels)
+            levels, variance = self._lobe_levels(pixels, found.distance), found.variance
+            del source, found  # as large as all that the filter needs
+            self.glossy = self._smooth(0, self.glossy, pixels, variance, levels)
 
-    def _lobe_levels(self, pixels: IntArray, distance: FloatArray) -> IntArray:
+    def _lobe_levels(self, pixels: IntArray, distance: FloatArray) -> NDArray[np.int8]:
         """Return how many filter passes lobes take: reflections are blurred less than they are wide.
 
         What is near to the surface is reflected sharply: a lobe's blur is as wide on the screen as its cone
@@ -275,7 +282,7 @@ class _Run:
             width = width * (_BLUR_PER_ALPHA * roughness * roughness * max(self.camera.fx, self.camera.fy))
             reach = np.floor(np.log2(np.maximum(width, 0.5))).astype(np.int64) + 1
             levels = np.minimum(levels, reach)
-        return np.maximum(levels, 0).astype(np.int64)
+        return np.maximum(levels, 0).astype(np.int8)
 
     def result(self) -> IndirectLight:
         height, width = self.gbuffer.shape

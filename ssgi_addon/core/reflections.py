@@ -128,8 +128,10 @@ class _Reflection:
         if not tier.mask.any():
             return
         rows, columns = grid_shape(tier.mask.shape, tier.stride)
-        at_once = min(tier.rays, max(1, parallel.RAYS_AT_ONCE // (rows * columns)))
-        bands = parallel.split(np.arange(rows), max(1, parallel.RAYS_AT_ONCE // (at_once * columns)))
+        # A ray that waits to be resolved takes as much memory again
+        rays_at_once = parallel.RAYS_AT_ONCE // 2
+        at_once = min(tier.rays, max(1, rays_at_once // (rows * columns)))
+        bands = parallel.split(np.arange(rows), max(1, rays_at_once // (at_once * columns)))
         for begin in range(0, tier.rays, at_once):
             chosen = slice(begin, min(begin + at_once, tier.rays))
             for band in bands:
