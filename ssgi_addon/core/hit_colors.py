@@ -15,6 +15,8 @@ from .types import BoolArray, FloatArray, IntArray
 _MOST_LEVEL = 5
 # Standard deviation of depth, relative, above which a cell of the pyramid is more than one surface.
 _SURFACE_STEP = 0.05
+# Cosine between normals of neighbouring pixels of one surface.
+_ALIGNED = 0.9
 # Squared length of the mean of a flat cell's normals.
 _FLATNESS = 0.95
 
@@ -131,7 +133,7 @@ class _Layer:
         camera = self.field.camera
         wide = diameter * max(camera.fx, camera.fy)
         if not camera.is_orthographic:
-            wide *= self.field.front.take(pixel)
+            wide *= self.field.planes.take(pixel, axis=0)[:, 0]
         level: IntArray = np.rint(np.log2(np.maximum(wide, 1.0))).astype(np.int64)
         np.minimum(level, self.base.shape[0], out=level)
         chosen = np.full(pixel.shape, -1, dtype=np.int64)
@@ -167,12 +169,17 @@ class _Layer:
         return mean
 
     def _is_same_surface(self, pixel: IntArray, other: IntArray) -> BoolArray:
-        """Return where another pixel lies on the plane of a pixel beside it, or a small step off."""
+        """Return where another pixel lies on the plane of a pixel beside it, or a small step off.
+
+        A wall that meets the floor between the two is lit otherwise.
+        """
         width = self.field.camera.width
         front, gx, gy, _ = self.field.planes.take(pixel, axis=0).T
         right, down = other % width - pixel % width, other // width - pixel // width
-        step = self.field.front.take(other) - front - gx * right - gy * down
-        is_same: BoolArray = np.abs(step) <= 2.0 * self.field.reach.take(pixel)
+        step = self.field.planes.take(other, axis=0)[:, 0] - front - gx * right - gy * down
+        normals = self.field.normal
+        aligned = (normals.take(pixel, axis=0) * normals.take(other, axis=0)).sum(axis=-1)
+        is_same: BoolArray = (np.abs(step) <= 2.0 * self.field.reach.take(pixel)) & (aligned >= _ALIGNED)
         return is_same
 
 

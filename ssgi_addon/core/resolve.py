@@ -262,10 +262,10 @@ class _Receivers:
         cls, gbuffer: GBuffer, camera: Camera, where: tuple[slice, slice], is_elongated: bool
     ) -> _Receivers:
         height, width = gbuffer.shape
-        pixel = np.arange(height * width).reshape(height, width)[where]
+        pixel = np.arange(height)[where[0], None] * width + np.arange(width)[where[1]]
         with np.errstate(invalid="ignore", divide="ignore"):
             position, normal = surface_points(gbuffer, camera, pixel.ravel())
-        position[:, gbuffer.is_background[where].ravel()] = 1.0
+        position[:, np.isinf(gbuffer.depth[where]).ravel()] = 1.0
         view = toward_camera(camera, position)
         lobes = Lobes.at(
             normal.reshape(3, *pixel.shape),

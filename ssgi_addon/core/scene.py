@@ -337,7 +337,7 @@ def _in_front_of_camera(
 
 def _thickness(field: DepthField, pixel: IntArray) -> FloatArray:
     """Return the thickness of the slabs of some pixels, scene units."""
-    front, slab = field.front.take(pixel), field.slab.take(pixel)
+    front, _, _, slab = field.planes.take(pixel, axis=0).T
     if field.camera.is_orthographic:
         return slab
     with np.errstate(divide="ignore"):
