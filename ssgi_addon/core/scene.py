@@ -337,8 +337,11 @@ def _in_front_of_camera(
 
 def _thickness(field: DepthField, pixel: IntArray) -> FloatArray:
     """Return the thickness of the slabs of some pixels, scene units."""
-    front, _, _, slab = field.planes.take(pixel, axis=0).T
+    planes = field.planes.take(pixel, axis=0)
+    front: FloatArray = planes[:, 0]
+    slab: FloatArray = planes[:, 3]
     if field.camera.is_orthographic:
         return slab
     with np.errstate(divide="ignore"):
-        return 1.0 / (front - slab) - 1.0 / front
+        thickness: FloatArray = 1.0 / (front - slab) - 1.0 / front
+    return thickness
