@@ -123,7 +123,7 @@ class MirrorScene:
             p95_px=float(np.quantile(off, 0.95)),
             wrong=_percent(seen != truth.surface[shown]),
             false=_percent(is_hit[~truth.is_visible]),
-            itself=100.0 * (self.owner[found.pixel[hits]] == truth.owner[hits]).sum() / is_hit.size,
+            itself=float(100.0 * (self.owner[found.pixel[hits]] == truth.owner[hits]).sum() / is_hit.size),
             cells=float(crossed.mean()),
         )
 
