@@ -140,8 +140,8 @@ LOBE_RELMSE = 0.01
 LOBE_RELMSE_VERY_ROUGH = {0.7: 0.02, 1.0: 0.08}
 # Mean of that light against Cycles', relative. From the frame alone it lacks up to a tenth of a lobe, and
 # pixels whose rays happened to be answered are brighter than others (measured at most 0.9 %). With a surround
-# what is left is noise (measured at most 0.2 %; lobes without masking, or with twice as much, are off by 1 to
-# 3 %).
+# what is left is noise (measured at most 0.4 %; lobes without masking, or with twice as much, are off by 1 to
+# 3 %, and colours mixed across the edge between wall and floor by 1 %).
 LOBE_BIAS = 0.02
 LOBE_BIAS_ANSWERED = 0.005
 # What four times the rays leave of the error: a quarter of the variance of independent rays (measured 0.15 to
