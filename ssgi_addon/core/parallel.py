@@ -37,10 +37,12 @@ def run_chunks(
     chunks: Sequence[Chunk],
     threads: int | None,
     advance: Advance | None = None,
+    cancel: Callable[[], None] | None = None,
 ) -> None:
     """Call `work` on every chunk; join all threads before returning or raising.
 
-    `advance` is called in this thread with the finished fraction and may raise to cancel the rest.
+    `advance` is called in this thread with the finished fraction and may raise to cancel the rest. After an
+    error `cancel` is called before the threads are joined: it may cut short the chunks at work.
     """
     workers = min(thread_count(threads), len(chunks))
     if workers <= 1:
@@ -59,5 +61,7 @@ def run_chunks(
                 if advance is not None:
                     advance(1.0 - len(pending) / len(chunks))
         except BaseException:
+            if cancel is not None:
+                cancel()
             pool.shutdown(wait=True, cancel_futures=True)
             raise

@@ -156,9 +156,5 @@ def _walk(
         if advance is not None:
             advance(queue.taken / queue.count)
 
-    try:
-        parallel.run_chunks(work, [None] * walks, threads, report)
-    except BaseException:
-        queue.close()
-        raise
+    parallel.run_chunks(work, [None] * walks, threads, report, cancel=queue.close)
     return result
