@@ -139,8 +139,6 @@ class March(Walk):
         _, h0, dh, slab = self.slabs.heights(state, field)
         h = h0 + dh * s
         is_inside: BoolArray = (h <= 0.0) & (h >= -slab)
-        if self.starts_on_surface:
-            is_inside &= (state[CELL] != np.floor(state[START])).any(axis=0)
         return is_inside
 
 

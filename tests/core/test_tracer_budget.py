@@ -19,7 +19,7 @@ from ssgi_addon.core.types import FloatArray
 from tests.core.synthetic import uniform_gbuffer
 from tests.core.test_tracer import as_float64, assert_walks_agree, frames, some_rays, unit
 from tests.reference.scalar_tracer import trace_ray
-from tests.tolerances import MET_POSITION_PX
+from tests.tolerances import FLOAT32_POSITION_PX, MET_POSITION_PX
 
 # How a field is built for each method
 METHODS = {
@@ -84,6 +84,23 @@ def test_budget_that_suffices_gives_the_whole_answer(frame, method):
     rays = float32_rays(frame, 60)
     enough = (camera.width + camera.height) * 2 * field.levels
     assert_same(tracer.trace_rays(field, *rays, max_steps=enough), tracer.trace_rays(field, *rays))
+
+
+@pytest.mark.parametrize("march", [None, tracer.MarchOptions(1.0, 5)], ids=["walk", "march"])
+def test_each_pixel_after_the_first_is_one_step_of_a_linear_walk(march):
+    """Along a row to a wall: the eighth pixel has it."""
+    depth = np.where(np.arange(20) < 10, np.inf, 1.0)
+    camera = Camera.perspective(20, 3, 1.0)
+    gbuffer = uniform_gbuffer((3, 20), depth, normal=np.broadcast_to((-0.6, 0.0, 0.8), (3, 20, 3)))
+    field = DepthField.build(gbuffer, camera, 10.0, max_level=0)
+    origin = camera.pixel_to_view(np.array([2.5]), np.array([1.5]), np.array([1.01])).T
+    rays = [origin.astype(np.float32), np.array([[1.0], [0.0], [0.0]], dtype=np.float32)]
+    met = [tracer.trace_rays(field, *rays, max_steps=n, march=march) for n in range(1, 10)]
+    assert [found.status[0] != tracer.UNKNOWN for found in met] == [False] * 7 + [True] * 2
+    # Where it stands after n steps: at the border of a pixel, a march at the centre
+    reached = (2.5 + camera.fx / 1.01 * np.array([found.distance[0] for found in met[:7]])).tolist()
+    at = np.arange(4.0, 11.0) if march is None else np.arange(3.5, 10.0)
+    np.testing.assert_allclose(reached, at, rtol=0.0, atol=FLOAT32_POSITION_PX)
 
 
 # Rays that share a walk, and walks that share the rays
