@@ -75,7 +75,7 @@ class TraceScene:
     views
         Further G-buffers and cameras, placed by `Camera.world_from_view`.
     settings
-        Thickness, largest distance and number of steps.
+        Thickness, largest distance, number of steps, and how the linear method takes them.
     method
         As in `ReflectionSettings.method`.
     """
@@ -90,6 +90,10 @@ class TraceScene:
         method: str = "hierarchical",
     ) -> None:
         self.max_distance, self.max_steps = settings.max_distance, settings.max_steps
+        rays = settings.reflections
+        self.march: tracer.MarchOptions | None = None
+        if method == "linear" and rays.march_step > 0.0:
+            self.march = tracer.MarchOptions(rays.march_step, rays.bisections)
         self.views: list[_PlacedView] = []
         self.texels = 0
         for front, view_camera in [(gbuffer, camera), *views]:
@@ -176,7 +180,7 @@ class TraceScene:
     ) -> tracer.TraceResult:
         return tracer.trace_rays(
             field, origin_vs, direction_vs, max_distance=self.max_distance, max_steps=self.max_steps,
-            threads=threads, advance=advance,
+            march=self.march, threads=threads, advance=advance,
         )  # fmt: skip
 
     def _continue_elsewhere(
@@ -202,7 +206,9 @@ class TraceScene:
                 continue
             rays = tracer.ScreenRays.joined([visit.rays for visit in visits])
             turned = np.concatenate([visit.direction for visit in visits], axis=1)
-            found = tracer.trace_visitors(stack, rays, turned, max_steps=self.max_steps, threads=threads)
+            found = tracer.trace_visitors(
+                stack, rays, turned, max_steps=self.max_steps, march=self.march, threads=threads
+            )
             end = 0
             for visit in visits:
                 part = slice(end, end + visit.ray.shape[0])

@@ -11,11 +11,12 @@ from hypothesis import given
 from hypothesis import settings as examples
 from hypothesis import strategies as st
 
-from ssgi_addon.core import Camera, tracer, walk
+from ssgi_addon.core import Camera, ReflectionSettings, Settings, march, tracer, walk
 from ssgi_addon.core.depth_field import DepthField
 from ssgi_addon.core.field_stack import FieldStack
+from ssgi_addon.core.scene import TraceScene
 from ssgi_addon.core.tracer import MarchOptions
-from tests.core.synthetic import Plane, Sphere, capture, uniform_gbuffer
+from tests.core.synthetic import Plane, Sphere, capture, look_at, uniform_gbuffer
 from tests.core.test_tracer import as_float64, centres, frames, lenses, some_rays, unit
 from tests.tolerances import (
     FLOAT32_DISTANCE,
@@ -328,3 +329,32 @@ def test_visitors_march_each_through_its_own_field(rng):
         np.testing.assert_array_equal(found.pixel[part], pixel)
         np.testing.assert_array_equal(found.distance[part], alone.distance)
         assert (alone.status == tracer.HIT).any()
+
+
+@pytest.mark.parametrize(("method", "step"), [("linear", 2.0), ("linear", 0.0), ("hierarchical", 2.0)])
+def test_scene_marches_through_all_views_where_its_method_is_linear_and_has_a_step(
+    method, step, rng, monkeypatch
+):
+    camera = Camera.perspective(48, 36, 1.0)
+    beside = Camera.perspective(48, 36, 1.0, world_from_view=look_at((0.0, 0.0, 0.0), (2.0, 0.0, -2.0)))
+    settings = Settings(reflections=ReflectionSettings(method=method, march_step=step, bisections=0))
+    marched = []
+
+    class March(march.March):
+        def __init__(self, *arguments):
+            marched.append(arguments[3])
+            super().__init__(*arguments)
+
+    monkeypatch.setattr(tracer, "March", March)
+    gbuffer = capture(camera, ROOM)
+    scene = TraceScene(gbuffer, camera, [(capture(beside, ROOM), beside)], settings, method=method)
+    field, origin, direction = ways(camera, ROOM, rng)
+    answers = scene.answer(origin, direction)
+    if method == "linear" and step:
+        assert marched == [True, False]
+        found = tracer.trace_rays(field, origin, direction, march=MarchOptions(step, 0))
+        hit = found.status == tracer.HIT
+        np.testing.assert_array_equal(answers.texel[hit], found.pixel[hit])
+    else:
+        assert not marched
+    assert (answers.texel[answers.status == tracer.HIT] >= gbuffer.depth.size).any()
