@@ -175,5 +175,6 @@ SUBPIXEL_LIGHT = 1e-4
 # Noise that is left in the mean of a cell with four times as many pixels, each independent: half, and what a
 # few cells of 16 x 16 make of it.
 CONE_NOISE_LEFT = 0.7
-# Squared error of one cone per pixel that one thin ray makes, before a wall of noise (measured 0.32 and 0.56).
+# Squared error of one cone per pixel, relative to that of one thin ray, before a wall of noise (measured 0.32
+# and 0.56).
 CONE_ERROR_LEFT = 0.7
