@@ -31,7 +31,7 @@ $(READY): pyproject.toml .ci/find-python .ci/check_blender.py
 	$$python -m venv --clear $(VENV)
 	@mkdir -p "$(BLENDER_USER_RESOURCES)"
 	@$(RUN) -m pip install -qq --editable '.[blender,dev]'
-	@$(RUN) -m pip install -qq '.[metrics]' || echo "FLIP has no package for this Python: reports leave it out"
+	@$(RUN) -m pip install -qq --editable '.[metrics]' || echo "FLIP has no package for this Python: reports leave it out"
 	@$(RUN) .ci/check_blender.py
 	@touch $@
 

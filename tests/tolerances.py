@@ -178,3 +178,5 @@ CONE_NOISE_LEFT = 0.7
 # Squared error of one cone per pixel, relative to that of one thin ray, before a wall of noise (measured 0.32
 # and 0.56).
 CONE_ERROR_LEFT = 0.7
+# The same of 64 a pixel: few of them are wider than a pixel (measured 1.002 and 0.99).
+CONES_OF_MANY_RAYS = 1.02

@@ -71,9 +71,11 @@ class HitColors:
                 radiance[mine] = layer.between(pixel, x, y)
             if self.has_levels and spread is not None:
                 diameter = distance.take(mine) * spread.take(mine)
-                cell = layer.cell_of(pixel, x, y, diameter)
-                wide = np.flatnonzero(cell >= 0)
-                radiance[mine.take(wide)] = layer.means.take(cell.take(wide), axis=0)[:, :3]
+                level = layer.level_of(pixel, x, y, diameter)
+                wide = np.flatnonzero(level > 0)
+                radiance[mine.take(wide)] = layer.mean_around(
+                    pixel.take(wide), x.take(wide), y.take(wide), level.take(wide)
+                )
         return radiance
 
 
@@ -87,8 +89,9 @@ class _Layer:
         Its surfaces, and where its pixels stand among all texels.
     pixels : (H*W, 3)
         Radiance per pixel.
-    means : (cells, 4)
-        Mean radiance per cell of level 1, of level 2, ... one after another, and 1 for cells of one surface.
+    means : (cells, 8)
+        Mean radiance per cell of level 1, of level 2, ... one after another, 1 for cells of one flat surface,
+        and the means of q and of the normals.
     base, width
         Where each of these levels begins, and how many cells wide it is.
     """
@@ -117,11 +120,11 @@ class _Layer:
             levels.append(_means(sums, field))
         sizes = np.array([level.shape[:2] for level in levels], dtype=np.int64).reshape(-1, 2)
         base = np.cumsum(np.concatenate([[0], sizes.prod(axis=1)]))[: len(levels)]
-        means = np.concatenate([level.reshape(-1, 4) for level in levels]) if levels else np.zeros((0, 4))
+        means = np.concatenate([level.reshape(-1, 8) for level in levels]) if levels else np.zeros((0, 8))
         return cls(field, offset, end, pixels, means.astype(source.dtype), base, sizes[:, 1].copy())
 
-    def cell_of(self, pixel: IntArray, x_px: FloatArray, y_px: FloatArray, diameter: FloatArray) -> IntArray:
-        """Return the cell as wide as a cone where it hits, no wider than one surface; -1 for single pixels.
+    def level_of(self, pixel: IntArray, x_px: FloatArray, y_px: FloatArray, diameter: FloatArray) -> IntArray:
+        """Return the level whose cells are as wide as a cone where it hits, no wider than one surface.
 
         Parameters
         ----------
@@ -134,20 +137,64 @@ class _Layer:
         wide = diameter * max(camera.fx, camera.fy)
         if not camera.is_orthographic:
             wide *= self.field.planes.take(pixel, axis=0)[:, 0]
-        level: IntArray = np.rint(np.log2(np.maximum(wide, 1.0))).astype(np.int64)
-        np.minimum(level, self.base.shape[0], out=level)
-        chosen = np.full(pixel.shape, -1, dtype=np.int64)
-        last = (camera.width - 1, camera.height - 1)
+        wanted: IntArray = np.rint(np.log2(np.maximum(wide, 1.0))).astype(np.int64)
+        np.minimum(wanted, self.base.shape[0], out=wanted)
+        level = np.zeros_like(wanted)
         for coarse in range(self.base.shape[0], 0, -1):
-            there = np.flatnonzero((level >= coarse) & (chosen < 0))
-            column, row = (
-                np.clip(position.take(there).astype(np.int64), 0, end) >> coarse
-                for position, end in zip((x_px, y_px), last, strict=True)
-            )
-            cell = self.base[coarse - 1] + row * self.width[coarse - 1] + column
-            is_one = self.means[:, 3].take(cell) > 0.0
-            chosen[there[is_one]] = cell[is_one]
-        return chosen
+            there = np.flatnonzero((wanted >= coarse) & (level == 0))
+            column, row = self._cell(x_px.take(there), y_px.take(there), coarse)
+            is_one = self.means[:, 3].take(self._number(column, row, coarse)) > 0.0
+            level[there[is_one]] = coarse
+        return level
+
+    def mean_around(self, pixel: IntArray, x_px: FloatArray, y_px: FloatArray, level: IntArray) -> FloatArray:
+        """Return the bilinear mean (N, 3) of the four cells around points, of those on the same surface.
+
+        Parameters
+        ----------
+        pixel, x_px, y_px : (N,)
+            What was hit, and where.
+        level : (N,)
+            Of the cells, at least 1.
+        """
+        width = self.field.camera.width
+        size = (1 << level).astype(x_px.dtype)
+        x, y = x_px / size - 0.5, y_px / size - 0.5
+        left, top = np.floor(x), np.floor(y)
+        own = self._number(*self._cell(x_px, y_px, level), level)
+        front, gx, gy, _ = self.field.planes.take(pixel, axis=0).T
+        normal = self.field.normal.take(pixel, axis=0)
+        units = self.field.camera.width / self.field.camera.fx if self.field.camera.is_orthographic else front
+        total = np.zeros((3, *pixel.shape), dtype=self.pixels.dtype)
+        weights = np.zeros_like(x)
+        for step_y, weight_y in ((0, 1.0 - y + top), (1, y - top)):
+            for step_x, weight_x in ((0, 1.0 - x + left), (1, x - left)):
+                middle_x, middle_y = (left + (step_x + 0.5)) * size, (top + (step_y + 0.5)) * size
+                cell = self._number(*self._cell(middle_x, middle_y, level), level)
+                mean = self.means.take(cell, axis=0)
+                # Where the plane that was hit would lie in the middle of the cell
+                q = front + gx * (middle_x - pixel % width - 0.5) + gy * (middle_y - pixel // width - 0.5)
+                is_same = np.abs(q - mean[:, 4]) <= _SURFACE_STEP * units
+                is_same &= (normal * mean[:, 5:]).sum(axis=-1) >= _ALIGNED
+                weight = weight_x * weight_y
+                weight *= (cell == own) | ((mean[:, 3] > 0.0) & is_same)
+                weights += weight
+                total += weight * mean[:, :3].T
+        around: FloatArray = (total / np.maximum(weights, 1e-12)).T
+        return around
+
+    def _cell(self, x_px: FloatArray, y_px: FloatArray, level: IntArray | int) -> tuple[IntArray, IntArray]:
+        """Return column and row of the cells that hold points, which are moved into the image."""
+        camera = self.field.camera
+        column = np.clip(x_px.astype(np.int64), 0, camera.width - 1) >> level
+        row = np.clip(y_px.astype(np.int64), 0, camera.height - 1) >> level
+        return column, row
+
+    def _number(self, column: IntArray, row: IntArray, level: IntArray | int) -> IntArray:
+        """Return where cells stand in `means`."""
+        below = np.asarray(level) - 1
+        number: IntArray = self.base.take(below) + row * self.width.take(below) + column
+        return number
 
     def between(self, pixel: IntArray, x_px: FloatArray, y_px: FloatArray) -> FloatArray:
         """Return the bilinear mean (N, 3) of the four pixels around points, of those on the same surface."""
@@ -184,7 +231,7 @@ class _Layer:
 
 
 def _means(sums: FloatArray, field: DepthField) -> FloatArray:
-    """Return mean radiance per cell and, in a fourth channel, 1 where the cell holds one flat surface.
+    """Return per cell what `_Layer.means` holds.
 
     What lies before, behind or around the corner is lit otherwise, and is not what the ray's neighbours see.
     """
@@ -194,7 +241,7 @@ def _means(sums: FloatArray, field: DepthField) -> FloatArray:
     units = field.camera.width / field.camera.fx if field.camera.is_orthographic else np.abs(q)
     is_flat = (mean[..., 3:6] ** 2).sum(axis=-1) >= _FLATNESS
     is_one = is_flat & (spread <= (_SURFACE_STEP * units) ** 2) & (sums[..., 8] > 0.0)
-    return np.concatenate([mean[..., :3], is_one[..., None]], axis=-1)
+    return np.concatenate([mean[..., :3], is_one[..., None], mean[..., 6:7], mean[..., 3:6]], axis=-1)
 
 
 def _halved(image: FloatArray) -> FloatArray:

@@ -94,6 +94,13 @@ class Lobes:
         dtype = self.normal.dtype
         return direction.astype(dtype), pdf.astype(dtype)
 
+    def peak(self) -> FloatArray:
+        """Return the density (...) of `draw` at the mirror direction, per steradian."""
+        cosine_view = np.maximum(_dot(self.axis, self.view), _LEAST_VIEW_COSINE)
+        masked: FloatArray = 1.0 + ggx.smith_lambda(cosine_view, self.alpha)
+        density: FloatArray = 1.0 / (4.0 * np.pi * self.alpha * self.alpha * cosine_view * masked)
+        return density
+
     def value(self, direction: FloatArray) -> FloatArray:
         """Return f cos (...) for unit directions (3, ...): D G2 / (4 cos(view)) (Heitz 2018, equation 15)."""
         cosine_view = np.maximum(_dot(self.axis, self.view), _LEAST_VIEW_COSINE)

@@ -33,6 +33,9 @@ STRIDES = {"full": 1, "half": 2, "quarter": 4}
 ROUGH = 0.4
 # Where not every pixel has rays, each takes those of its own cell and of at least so many others.
 _LEAST_REUSE = 3
+# A ray stands for no wider a cone than one of this share of the lobe's largest density: in the far tail of a
+# lobe 1 / density has no bound, and such cones would widen the lobe.
+_LEAST_DENSITY = 0.1
 # A pixel whose neighbours' rays weigh less than this has rays of its own traced.
 _LEAST_WEIGHT = 0.05
 
@@ -168,7 +171,11 @@ class _Reflection:
             u, v = sample_square(own, grid.columns, tier.rays, self.settings.seed + _SEED_OFFSET, dtype)
             drawn, pdf = lobes.draw(u[chosen], v[chosen], tier.is_mirror)
             direction[:, :, where], origin[:, :, where] = drawn, point[:, None]
-            spread[:, where] = 0.0 if tier.is_mirror else _spread(pdf, tier.rays * (1 + tier.reuse))
+            if tier.is_mirror:
+                spread[:, where] = 0.0
+            else:
+                dense = np.maximum(pdf, _LEAST_DENSITY * lobes.peak())
+                spread[:, where] = _spread(dense, tier.rays * (1 + tier.reuse))
             grid.set_rays(grid.places(own), point, normal, drawn, pdf)
 
         def shade(slots: IntArray) -> None:
