@@ -11,7 +11,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Blender finds no preferences and no extensions of the user here, and leaves none.
 export BLENDER_USER_RESOURCES := $(CURDIR)/.cache/blender
 
-.PHONY: help env demo test lint bench package clean
+.PHONY: help env demo test lint bench pictures package clean
 
 help:
 	@echo "make env      environment with Blender as a Python module, in $(VENV)"
@@ -19,6 +19,7 @@ help:
 	@echo "make test     all tests (ARGS='-k name' for some)"
 	@echo "make lint     style and types"
 	@echo "make bench    speed and memory of the tracer, in benchmarks/results (minutes; keep the machine quiet)"
+	@echo "make pictures the pictures of docs/reflections.md (minutes; ARGS='rays reuse' for some)"
 	@echo "make package  the extension, in dist/"
 	@echo "make clean    remove the environment and everything that was built"
 
@@ -51,6 +52,9 @@ bench: $(READY)
 	@$(RUN) -m benchmarks.tracer_speed --output benchmarks/results/tracer_speed.json $(ARGS)
 	@$(RUN) -m benchmarks.scaling --output benchmarks/results/scaling.json $(ARGS)
 	@$(RUN) -m benchmarks.summary
+
+pictures: $(READY)
+	@$(RUN) -m docs.pictures.reflections $(ARGS)
 
 package: $(READY)
 	@mkdir -p dist
