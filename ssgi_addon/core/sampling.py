@@ -45,9 +45,9 @@ def sample_square(
     dtype
         Of the result.
     """
-    order = _morton(pixel % width % _TILE, pixel // width % _TILE).astype(np.uint64)
+    order = morton(pixel % width % _TILE, pixel // width % _TILE).astype(np.uint64)
     index = order * np.uint64(rays) + np.arange(rays, dtype=np.uint64)[:, None]
-    shift_u, shift_v = (_mix(2 * seed + axis) for axis in range(2))
+    shift_u, shift_v = (mix(2 * seed + axis) for axis in range(2))
     u = (index * np.uint64(_R2_STEP_U) + np.uint64(shift_u)) & np.uint64(0xFFFFFFFF)
     v = (index * np.uint64(_R2_STEP_V) + np.uint64(shift_v)) & np.uint64(0xFFFFFFFF)
     # 24 bits fit a float32 exactly, so neither point ever rounds up to 1.
@@ -55,7 +55,7 @@ def sample_square(
     return u24 * dtype.type(2.0**-24), v24 * dtype.type(2.0**-24)
 
 
-def _morton(x: IntArray, y: IntArray) -> IntArray:
+def morton(x: IntArray, y: IntArray) -> IntArray:
     """Interleave the bits of coordinates within a tile."""
     order = np.zeros_like(x)
     for bit in range(_TILE.bit_length() - 1):
@@ -63,7 +63,7 @@ def _morton(x: IntArray, y: IntArray) -> IntArray:
     return order
 
 
-def _mix(value: int) -> int:
+def mix(value: int) -> int:
     """Return a well-mixed 32-bit number (Wellons' lowbias32)."""
     value = (value + 0x9E3779B9) & 0xFFFFFFFF
     value = ((value ^ value >> 16) * 0x7FEB352D) & 0xFFFFFFFF
