@@ -179,16 +179,21 @@ def _score(target: Target, variant: str, light: IndirectLight, seconds: list[flo
     )
 
 
-def overall(scores: list[Score]) -> dict[str, dict[str, float]]:
-    """Return each variant's figures over all scenes: geometric means, and the median of the bias' size."""
+def overall(scores: list[Score]) -> dict[str, dict[str, float | None]]:
+    """Return each variant's figures over all scenes.
+
+    Geometric means of seconds and relMSE, median and worst of the bias, the mean error of the visibility.
+    """
     found = {}
     for variant in dict.fromkeys(score.variant for score in scores):
         own = [score for score in scores if score.variant == variant]
+        visibility = [score.visibility_error for score in own if score.visibility_error is not None]
         found[variant] = {
             "seconds": geometric_mean([score.seconds for score in own]),
             "relmse": geometric_mean([score.relmse for score in own]),
             "median_bias": float(np.median([abs(score.bias) for score in own])),
             "worst_bias": max((score.bias for score in own), key=abs),
+            "visibility_error": float(np.mean(visibility)) if visibility else None,
         }
     return found
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks import cycles_truth, diffuse_quality, hemisphere_truth
+from benchmarks import cycles_truth, diffuse_quality, hemisphere_truth, summary
 from benchmarks.frontier_plot import Point, draw_frontiers, on_frontier
 from benchmarks.inputs import analytic_room
 from benchmarks.variants import parse_variant
@@ -40,13 +40,17 @@ def run(tmp_path, monkeypatch):
 
 
 def test_more_rays_are_nearer_to_the_integral(run):
-    few, many = run("--variant", FEW, "--variant", MANY, "--rounds", "2")["results"]["scores"]
+    stored = run("--variant", FEW, "--variant", MANY, "--rounds", "2")
+    few, many = stored["results"]["scores"]
     assert (few["variant"], many["variant"]) == (FEW, MANY)
     assert many["rays"] == 16 * few["rays"]
     for error in ("relmse", "rms", "visibility_error"):
         assert many[error] < few[error]
     assert many["noise"] < many["relmse"]
     assert few["spread"] >= 0.0
+    # The nearest of all is on the frontier at any speed
+    (row,) = (line for line in summary.diffuse_quality(stored).splitlines() if f"`{MANY}`" in line)
+    assert row.endswith("| yes |")
 
 
 def test_truth_is_computed_once_and_anew_for_another_frame(tmp_path, monkeypatch):
@@ -88,6 +92,7 @@ def test_cycles_judges_pixels_that_are_known_well_enough(run, monkeypatch):
     assert 0 < few["pixels"] < SIZE[0] * SIZE[1]
     assert many["relmse"] < few["relmse"]
     assert few["visibility_error"] is None
+    assert f"| room | `{MANY}` | {many['pixels']} |" in summary.diffuse_cycles(stored)
     figures = stored["results"]["overall"][MANY]
     assert figures["median_bias"] == pytest.approx(abs(many["bias"]))
 
