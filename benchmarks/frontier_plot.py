@@ -59,10 +59,13 @@ def draw_frontiers(points: Sequence[Point], path: Path) -> None:
         axes.set_title(panel)
     for axes in grid.flat[len(panels) :]:
         axes.set_axis_off()
-    figure.supxlabel("seconds of the pass")
-    figure.supylabel("relMSE")
+    for axes in grid[:, 0]:
+        axes.set_ylabel("relMSE")
+    for axes in grid[-1]:
+        axes.set_xlabel("seconds of the pass")
     handles, labels = grid.flat[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=_COLUMNS, frameon=False)
+    title = "filled: no other point is as fast and as near"
+    figure.legend(handles, labels, loc="outside lower center", ncols=_COLUMNS, frameon=False, title=title)
     with replacing(path) as temporary:
         figure.savefig(temporary, format=path.suffix.removeprefix(".") or "png", dpi=110)
     print(f"drawn in {path}")
