@@ -4,7 +4,7 @@
 What every faster method of the diffuse pass approximates: one bounce, no surround, no filter. Rays without an
 answer bring nothing, so that what the frame cannot see counts for no method and against none.
 
-Run ``python -m benchmarks.hemisphere_truth NAME WIDTHxHEIGHT`` to compute one ahead.
+Run ``python -m benchmarks.hemisphere_truth NAME WIDTHxHEIGHT [RAYS]`` to compute one ahead.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from ssgi_addon.core.types import FloatArray
 from ssgi_addon.files import replacing
 from ssgi_addon.frame import CapturedFrame
 
-RAYS = 512
+RAYS = 1024
 # Goes up where tracer or sampling change what a hemisphere brings: truths that were kept no longer count.
 VERSION = 1
-# Of one call, which keeps where each ray hit: four bytes per ray and pixel.
-_RAYS_AT_ONCE = 256
+# Of one part, which has a seed and a file of its own: a truth with more rays takes those of one with fewer.
+_RAYS_PER_PART = 256
 # Far from those that variants are run with.
 _FIRST_SEED = 1000
 
@@ -81,13 +81,12 @@ def hemisphere_truth(name: str, frame: CapturedFrame, rays: int = RAYS) -> Hemis
     rays
         Per pixel, in both halves together.
     """
+    each = max(1, min(rays // 2, _RAYS_PER_PART))
+    if rays < 2 or rays % (2 * each):
+        raise ValueError(f"truth rays: expected a multiple of {2 * each}, got {rays}")
     frame = replace(frame, views=(), environment=None)
-    path = _path(name, frame, rays)
-    if not path.is_file():
-        halves = np.stack([_half(frame, rays // 2, half) for half in (0, 1)])
-        with replacing(path) as temporary, temporary.open("wb") as file:
-            np.save(file, halves)
-    return HemisphereTruth(frame, np.load(path))
+    parts = [_part(_path(name, frame, each, seed), frame, each, seed) for seed in range(rays // each)]
+    return HemisphereTruth(frame, np.stack([np.mean(parts[half::2], axis=0) for half in (0, 1)]))
 
 
 def diffuse_light(frame: CapturedFrame, diffuse: DiffuseSettings, seed: int = 0) -> IndirectLight:
@@ -96,28 +95,26 @@ def diffuse_light(frame: CapturedFrame, diffuse: DiffuseSettings, seed: int = 0)
     return render_indirect(frame.gbuffer, frame.camera, settings, frame.environment, frame.views)
 
 
-def _half(frame: CapturedFrame, rays: int, half: int) -> FloatArray:
-    """Return (H, W, 5) light, visibility and answered part, the mean of several runs."""
-    at_once = min(rays, _RAYS_AT_ONCE)
-    if rays % at_once:
-        raise ValueError(f"rays: expected a multiple of {2 * _RAYS_AT_ONCE}, or less, got {2 * rays}")
-    runs = rays // at_once
-    settings = DiffuseSettings(method="hemisphere", rays=at_once, bounces=1, filter=False)
-    total = np.zeros((*frame.gbuffer.shape, 5))
-    for run in range(runs):
-        light = diffuse_light(frame, settings, seed=_FIRST_SEED + half * runs + run)
-        total += np.dstack([light.diffuse, light.visibility, light.known_diffuse])
-    return (total / runs).astype(np.float32)
+def _part(path: Path, frame: CapturedFrame, rays: int, seed: int) -> FloatArray:
+    """Return (H, W, 5) light, visibility and answered part by some of the rays."""
+    if not path.is_file():
+        settings = DiffuseSettings(method="hemisphere", rays=rays, bounces=1, filter=False)
+        light = diffuse_light(frame, settings, seed=_FIRST_SEED + seed)
+        with replacing(path) as temporary, temporary.open("wb") as file:
+            np.save(file, np.dstack([light.diffuse, light.visibility, light.known_diffuse]))
+    part: FloatArray = np.load(path)
+    return part
 
 
-def _path(name: str, frame: CapturedFrame, rays: int) -> Path:
-    """Return where a truth is kept; a frame that changed by a bit has another place."""
+def _path(name: str, frame: CapturedFrame, rays: int, seed: int) -> Path:
+    """Return where a part is kept; those of a frame that changed by a bit have another place."""
     gbuffer, camera = frame.gbuffer, frame.camera
     digest = hashlib.sha256(repr(camera).encode())
-    for plane in (gbuffer.depth, gbuffer.normal, gbuffer.albedo, gbuffer.diffuse_source):
-        digest.update(np.ascontiguousarray(plane).tobytes())
+    planes = (gbuffer.depth, gbuffer.normal, gbuffer.albedo, gbuffer.diffuse_source, gbuffer.thickness)
+    for plane in planes:
+        digest.update(b"" if plane is None else np.ascontiguousarray(plane).tobytes())
     height, width = gbuffer.shape
-    return CACHE / f"hemisphere{VERSION}_{name}_{width}x{height}_{rays}_{digest.hexdigest()[:8]}.npy"
+    return CACHE / f"hemisphere{VERSION}_{name}_{width}x{height}_{digest.hexdigest()[:8]}_{rays}_{seed}.npy"
 
 
 def main() -> None:
@@ -125,8 +122,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("name")
     parser.add_argument("size", type=parse_size)
+    parser.add_argument("rays", type=int, nargs="?", default=RAYS)
     arguments = parser.parse_args()
-    hemisphere_truth(arguments.name, captured_frame(arguments.name, arguments.size))
+    hemisphere_truth(arguments.name, captured_frame(arguments.name, arguments.size), arguments.rays)
 
 
 if __name__ == "__main__":

@@ -57,26 +57,37 @@ def test_truth_is_computed_once_and_anew_for_another_frame(tmp_path, monkeypatch
     monkeypatch.setattr(hemisphere_truth, "CACHE", tmp_path)
     room = analytic_room(*SIZE)
     first = hemisphere_truth.hemisphere_truth("room", room, RAYS)
-    (kept,) = tmp_path.glob("*.npy")
-    np.save(kept, first.halves + 1.0)
-    np.testing.assert_array_equal(
-        hemisphere_truth.hemisphere_truth("room", room, RAYS).halves, first.halves + 1.0
-    )
+    for kept in tmp_path.glob("*.npy"):
+        np.save(kept, np.load(kept) + 1.0)
+    again = hemisphere_truth.hemisphere_truth("room", room, RAYS)
+    np.testing.assert_array_equal(again.halves, first.halves + 1.0)
     brighter = replace(room, gbuffer=replace(room.gbuffer, source=2.0 * room.gbuffer.diffuse_source))
     other = hemisphere_truth.hemisphere_truth("room", brighter, RAYS)
     np.testing.assert_allclose(other.diffuse, 2.0 * first.diffuse, rtol=REPEATED_SUM)
 
 
-def test_truth_in_several_runs_is_the_truth_of_one_but_for_noise(tmp_path, monkeypatch):
+def test_truth_with_more_rays_adds_to_one_with_fewer(tmp_path, monkeypatch):
     monkeypatch.setattr(hemisphere_truth, "CACHE", tmp_path)
+    monkeypatch.setattr(hemisphere_truth, "_RAYS_PER_PART", RAYS // 4)
     room = analytic_room(*SIZE)
-    once = hemisphere_truth.hemisphere_truth("room", room, RAYS)
-    monkeypatch.setattr(hemisphere_truth, "_RAYS_AT_ONCE", RAYS // 4)
-    parts = hemisphere_truth.hemisphere_truth("parts", room, RAYS)
-    assert (once.halves != parts.halves).any()
+    fewer = hemisphere_truth.hemisphere_truth("room", room, RAYS // 2)
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*.npy")}
+    more = hemisphere_truth.hemisphere_truth("room", room, RAYS)
+    after = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*.npy")}
+    assert len(before) == 2
+    assert len(after) == 4
+    assert before.items() <= after.items()
     for name in ("diffuse", "visibility", "known"):
-        expected = pytest.approx(getattr(once, name).mean(), rel=CLOSED_FORM_RELATIVE)
-        assert getattr(parts, name).mean() == expected
+        assert getattr(more, name).shape == getattr(fewer, name).shape
+        expected = pytest.approx(getattr(fewer, name).mean(), rel=CLOSED_FORM_RELATIVE)
+        assert getattr(more, name).mean() == expected
+    assert ((more.halves[0] - more.halves[1]) ** 2).sum() < ((fewer.halves[0] - fewer.halves[1]) ** 2).sum()
+
+
+@pytest.mark.parametrize("rays", [0, 1, 3, 768])
+def test_truth_of_uneven_halves_is_refused(rays):
+    with pytest.raises(ValueError, match="multiple of"):
+        hemisphere_truth.hemisphere_truth("room", analytic_room(*SIZE), rays)
 
 
 def test_cycles_judges_pixels_that_are_known_well_enough(run, monkeypatch):
