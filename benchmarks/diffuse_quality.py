@@ -122,7 +122,7 @@ def against_cycles(name: str, size: Size, samples: int) -> Target:
     than they should be.
     """
     truth = cycles_truth(name, size, samples)
-    choosing = DiffuseSettings(rays=_CHOOSING_RAYS, bounces=1, filter=False)
+    choosing = DiffuseSettings(method="hemisphere", rays=_CHOOSING_RAYS, bounces=1, filter=False)
     known = diffuse_light(truth.frame, choosing, seed=_CHOOSING_SEED).known_diffuse
     counts = _has_light(truth.frame) & (known >= KNOWN_ENOUGH)
     return Target(name, truth.frame, truth.diffuse_halves, None, counts)
