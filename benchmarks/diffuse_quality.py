@@ -95,7 +95,7 @@ class Score:
     visibility_error, visibility_bias
         Mean absolute and mean signed error; None where the reference has no visibility.
     noise
-        relMSE of the reference itself.
+        What the noise of the reference adds to the relMSE.
     """
 
     scene: str

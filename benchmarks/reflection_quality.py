@@ -59,7 +59,7 @@ class Score:
     known_bias
         The same of pixels that are known to 99 %; None where there is none.
     noise
-        relMSE of the reference itself.
+        What the noise of the reference adds to the relMSE.
     """
 
     scene: str

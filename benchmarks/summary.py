@@ -84,8 +84,8 @@ def diffuse_quality(record: Record) -> str:
     scenes = dict.fromkeys(score["scene"] for score in record["results"]["scores"])
     noise = max(score["noise"] for score in record["results"]["scores"])
     text = (
-        f"{', '.join(scenes)}; {{}} × {{}}, {what['truth_rays']} rays, relMSE of the integral itself at most "
-        f"{noise:.5f}. {_where(record)}"
+        f"{', '.join(scenes)}; {{}} × {{}}, {what['truth_rays']} rays, whose noise adds at most {noise:.4f} "
+        f"to a scene's relMSE. {_where(record)}"
     ).format(*what["size"])
     head = ("variant", "seconds", "relMSE", "|bias|, median", "worst bias", "visibility off by", "frontier")
     is_best = on_frontier([Point("", "", row["seconds"], row["relmse"]) for row in overall.values()])
@@ -111,7 +111,7 @@ def diffuse_cycles(record: Record) -> str:
     median = "; ".join(
         f"`{variant}`: {row['median_bias']:.1%}" for variant, row in record["results"]["overall"].items()
     )
-    head = ("scene", "variant", "pixels", "relMSE", "bias", "relMSE of Cycles")
+    head = ("scene", "variant", "pixels", "relMSE", "bias", "of it noise of Cycles")
     rows = [
         (
             row["scene"],

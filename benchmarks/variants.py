@@ -65,9 +65,12 @@ def relative_bias(light: FloatArray, truth: FloatArray, mask: BoolArray) -> floa
 
 
 def noise_of(halves: FloatArray, mask: BoolArray) -> float:
-    """Return the relMSE of a reference itself, by its two halves, over the pixels of the mask."""
-    # The halves differ by twice the variance of each, their mean has half of it
-    return 0.25 * relmse(*halves, mask=mask)
+    """Return what the noise of a reference adds to every relMSE, over the pixels of the mask.
+
+    The reference is the mean of two halves ``(2, H, W, 3)`` of independent noise. Each differs from it by
+    half of their difference, whose mean square is the variance of the mean.
+    """
+    return relmse(halves[0], halves.mean(axis=0), mask=mask)
 
 
 def geometric_mean(values: Sequence[float]) -> float:

@@ -14,8 +14,9 @@ import pytest
 from benchmarks import cycles_truth, diffuse_quality, hemisphere_truth, summary
 from benchmarks.frontier_plot import Point, draw_frontiers, on_frontier
 from benchmarks.inputs import analytic_room
-from benchmarks.variants import parse_variant
+from benchmarks.variants import noise_of, parse_variant
 from ssgi_addon.core import DiffuseSettings, ReflectionSettings, Settings
+from ssgi_addon.core.metrics import relmse
 from tests.tolerances import CLOSED_FORM_RELATIVE, REPEATED_SUM
 
 FEW, MANY = "rays=1,filter=false", "method=hemisphere,rays=16,filter=false"
@@ -114,6 +115,14 @@ def test_frame_that_answers_no_pixel_gives_no_score(capsys):
     target = diffuse_quality.Target("room", room, light, None, np.zeros(room.gbuffer.shape, bool))
     assert list(diffuse_quality.measure(target, {FEW: DiffuseSettings()}, 1)) == []
     assert "no pixel" in capsys.readouterr().out
+
+
+def test_noise_of_a_reference_is_what_it_adds_to_the_error_of_the_truth_itself(rng):
+    truth = np.ones((64, 64, 3))
+    halves = truth + 0.1 * rng.standard_normal((2, *truth.shape))
+    added = relmse(truth, halves.mean(axis=0), trim=0.0)
+    is_all = np.ones(truth.shape[:2], bool)
+    assert noise_of(halves, is_all) == pytest.approx(added, rel=3 * CLOSED_FORM_RELATIVE)
 
 
 def test_variant_names_what_differs_from_the_base():
