@@ -71,11 +71,16 @@ def interior(size: Size, name: str | None = None) -> CapturedFrame:
     """
     path = _path(size, name or best_interior())
     if not path.with_suffix(".json").is_file():
-        command = [sys.executable, "-m", "benchmarks.inputs", f"{size[0]}x{size[1]}", name or best_interior()]
-        # No preferences and no extensions of the user
-        environment = {"BLENDER_USER_RESOURCES": str(ROOT / ".cache" / "blender"), **os.environ}
-        subprocess.run(command, check=True, cwd=ROOT, stdout=sys.stderr, env=environment)
+        run_module("benchmarks.inputs", f"{size[0]}x{size[1]}", name or best_interior())
     return read_passes(path)
+
+
+def run_module(name: str, *words: str) -> None:
+    """Run a module of this repository in a process of its own; what it prints goes to standard error."""
+    # No preferences and no extensions of the user
+    environment = {"BLENDER_USER_RESOURCES": str(ROOT / ".cache" / "blender"), **os.environ}
+    command = [sys.executable, "-m", name, *words]
+    subprocess.run(command, check=True, cwd=ROOT, stdout=sys.stderr, env=environment)
 
 
 def glossy_rays(gbuffer: GBuffer, camera: Camera) -> Rays:

@@ -15,18 +15,17 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from benchmarks import record
-from benchmarks.glossy_truth import GlossyTruth, floor_name, glossy_truth, real_scenes
+from benchmarks.cycles_truth import CyclesTruth, cycles_truth, floor_name, real_scenes
 from benchmarks.inputs import Size, parse_size
+from benchmarks.variants import geometric_mean, noise_of, parse_variant, relative_bias
 from ssgi_addon.core import IndirectLight, ReflectionSettings, Settings, render_indirect
-from ssgi_addon.core.metrics import KNOWN_ENOUGH, bias, relmse
-from ssgi_addon.core.types import BoolArray, FloatArray
+from ssgi_addon.core.metrics import KNOWN_ENOUGH, relmse
 
 ROUGHNESS = (0.0, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0)
 _ALONE = "reuse=0,color_pyramid=false,filter=false"
@@ -60,7 +59,7 @@ class Score:
     known_bias
         The same of pixels that are known to 99 %; None where there is none.
     noise
-        relMSE of the reference itself.
+        What the noise of the reference adds to the relMSE.
     """
 
     scene: str
@@ -74,34 +73,8 @@ class Score:
     noise: float
 
 
-def parse_variant(text: str) -> ReflectionSettings:
-    """Return the default settings but for what a text like ``rays=1,filter=false`` names."""
-    defaults = {item.name: item.default for item in fields(ReflectionSettings)}
-    changes: dict[str, Any] = {}
-    for part in text.split(","):
-        name, _, value = part.partition("=")
-        if name not in defaults:
-            raise argparse.ArgumentTypeError(f"{name!r} is no reflection setting: {', '.join(defaults)}")
-        try:
-            changes[name] = _converted(value, type(defaults[name]))
-        except ValueError as error:
-            raise argparse.ArgumentTypeError(f"{part!r}: {error}") from error
-    try:
-        return replace(ReflectionSettings(), **changes)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from error
-
-
-def _converted(text: str, kind: type) -> Any:
-    if kind is not bool:
-        return kind(text)
-    if text not in ("true", "false"):
-        raise ValueError("expected true or false")
-    return text == "true"
-
-
 def measure(
-    scene: str, truth: GlossyTruth, variants: Mapping[str, ReflectionSettings], rounds: int
+    scene: str, truth: CyclesTruth, variants: Mapping[str, ReflectionSettings], rounds: int
 ) -> Iterator[Score]:
     """Yield the score of each variant on one scene.
 
@@ -116,15 +89,14 @@ def measure(
     rounds
         Times to run each; the fastest counts.
     """
-    choosing = replace(parse_variant(_ALONE), rays=_CHOOSING_RAYS)
+    choosing = replace(parse_variant(_ALONE, ReflectionSettings()), rays=_CHOOSING_RAYS)
     known = _light(truth, choosing, seed=_CHOOSING_SEED).known_glossy
     is_glossy = truth.frame.gbuffer.specular.max(axis=-1) > 0.0
     counts, surely = (is_glossy & (known >= least) for least in (KNOWN_ENOUGH, 0.99))
     if not counts.any():
         print(f"{scene}: the frame and its surround answer no glossy pixel well enough")
         return
-    # The halves differ by twice the variance of each, their mean has half of it
-    noise = 0.25 * relmse(*truth.halves, mask=counts)
+    reference, noise = truth.glossy_halves.mean(axis=0), noise_of(truth.glossy_halves, counts)
     for name, reflections in variants.items():
         lights = [_light(truth, reflections) for _ in range(rounds)]
         glossy = lights[0].glossy
@@ -134,23 +106,19 @@ def measure(
             seconds=min(light.seconds["reflections"] for light in lights),
             rays=lights[0].rays["reflections"],
             pixels=int(np.count_nonzero(counts)),
-            relmse=relmse(glossy, truth.radiance, mask=counts),
-            bias=_relative_bias(glossy, truth.radiance, counts),
-            known_bias=_relative_bias(glossy, truth.radiance, surely) if surely.any() else None,
+            relmse=relmse(glossy, reference, mask=counts),
+            bias=relative_bias(glossy, reference, counts),
+            known_bias=relative_bias(glossy, reference, surely) if surely.any() else None,
             noise=noise,
         )
 
 
-def _light(truth: GlossyTruth, reflections: ReflectionSettings, seed: int = 0) -> IndirectLight:
+def _light(truth: CyclesTruth, reflections: ReflectionSettings, seed: int = 0) -> IndirectLight:
     settings = Settings(reflections=reflections, seed=seed)
     if truth.is_floor:
         settings = replace(settings, diffuse=replace(settings.diffuse, enabled=False))
     frame = truth.frame
     return render_indirect(frame.gbuffer, frame.camera, settings, frame.environment, frame.views)
-
-
-def _relative_bias(glossy: FloatArray, truth: FloatArray, mask: BoolArray) -> float:
-    return bias(glossy, truth, mask=mask) / float(truth[mask].mean(dtype=np.float64))
 
 
 def summary(scores: list[Score], baseline: str) -> dict[str, dict[str, float]]:
@@ -159,13 +127,13 @@ def summary(scores: list[Score], baseline: str) -> dict[str, dict[str, float]]:
     ratios: dict[str, dict[str, float]] = {}
     for variant in dict.fromkeys(score.variant for score in scores if score.variant != baseline):
         own = [score for score in scores if score.variant == variant]
-        error = np.array([score.relmse / against[score.scene].relmse for score in own])
-        seconds = np.array([score.seconds / against[score.scene].seconds for score in own])
+        error = [score.relmse / against[score.scene].relmse for score in own]
+        seconds = [score.seconds / against[score.scene].seconds for score in own]
         ratios[variant] = {
-            "relmse": float(np.exp(np.log(error).mean())),
-            "worst_relmse": float(error.max()),
-            "seconds": float(np.exp(np.log(seconds).mean())),
-            "worst_seconds": float(seconds.max()),
+            "relmse": geometric_mean(error),
+            "worst_relmse": max(error),
+            "seconds": geometric_mean(seconds),
+            "worst_seconds": max(seconds),
         }
     return ratios
 
@@ -182,10 +150,11 @@ def _print_score(score: Score) -> None:
 def _run(names: list[str], size: Size, samples: int, variants: list[str], rounds: int) -> list[Score]:
     header = f"{'seconds':>9}{'rays':>11}{'pixels':>8}{'relMSE':>9}{'bias':>9}{'at 99 %':>9}{'noise':>9}"
     print(f"{size[0]} x {size[1]}, Cycles with {samples} samples\n{'scene':20}{header}  variant")
+    settings = {text: parse_variant(text, ReflectionSettings()) for text in variants}
     scores = []
     for name in names:
-        truth = glossy_truth(name, size, samples)
-        for score in measure(name, truth, {text: parse_variant(text) for text in variants}, rounds):
+        truth = cycles_truth(name, size, samples)
+        for score in measure(name, truth, settings, rounds):
             _print_score(score)
             scores.append(score)
     return scores

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Write the tables of ``README.md`` from the stored results of the speed benchmarks.
+"""Write the tables of ``README.md`` from the stored results of the benchmarks.
 
 Run from the repository's root: ``python -m benchmarks.summary``. What stands between the comments
 ``<!-- NAME -->`` and ``<!-- /NAME -->`` is replaced.
@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from benchmarks.frontier_plot import Point, on_frontier
 from ssgi_addon.files import read_json
 
 FOLDER = Path(__file__).parent
@@ -77,7 +78,60 @@ def scaling(record: Record) -> str:
     return f"{text}\n{growth}.\n\n{_table(head, rows)}"
 
 
-TABLES: dict[str, Callable[[Record], str]] = {"tracer_speed": tracer_speed, "scaling": scaling}
+def diffuse_quality(record: Record) -> str:
+    """Return the table of `diffuse_quality` against the frame alone."""
+    what, overall = record["parameters"], record["results"]["overall"]
+    scenes = dict.fromkeys(score["scene"] for score in record["results"]["scores"])
+    noise = max(score["noise"] for score in record["results"]["scores"])
+    text = (
+        f"{', '.join(scenes)}; {{}} × {{}}, {what['truth_rays']} rays, whose noise adds at most {noise:.4f} "
+        f"to a scene's relMSE. {_where(record)}"
+    ).format(*what["size"])
+    head = ("variant", "seconds", "relMSE", "|bias|, median", "worst bias", "visibility off by", "frontier")
+    is_best = on_frontier([Point("", "", row["seconds"], row["relmse"]) for row in overall.values()])
+    rows = [
+        (
+            f"`{variant}`",
+            f"{row['seconds']:.3f}",
+            f"{row['relmse']:.4f}",
+            f"{row['median_bias']:.1%}",
+            f"{row['worst_bias']:+.1%}",
+            f"{row['visibility_error']:.4f}",
+            "yes" if best else "",
+        )
+        for (variant, row), best in zip(overall.items(), is_best)
+    ]
+    return f"{text}\n\n{_table(head, rows)}"
+
+
+def diffuse_cycles(record: Record) -> str:
+    """Return the table of `diffuse_quality` against Cycles."""
+    what = record["parameters"]
+    text = "{} × {}, {} samples of Cycles. {}".format(*what["size"], what["samples"], _where(record))
+    median = "; ".join(
+        f"`{variant}`: {row['median_bias']:.1%}" for variant, row in record["results"]["overall"].items()
+    )
+    head = ("scene", "variant", "pixels", "relMSE", "bias", "of it noise of Cycles")
+    rows = [
+        (
+            row["scene"],
+            f"`{row['variant']}`",
+            f"{row['pixels']:,}",
+            f"{row['relmse']:.4f}",
+            f"{row['bias']:+.1%}",
+            f"{row['noise']:.4f}",
+        )
+        for row in record["results"]["scores"]
+    ]
+    return f"{text}\nMedian over the scenes of the bias' size: {median}.\n\n{_table(head, rows)}"
+
+
+TABLES: dict[str, Callable[[Record], str]] = {
+    "tracer_speed": tracer_speed,
+    "scaling": scaling,
+    "diffuse_quality": diffuse_quality,
+    "diffuse_cycles": diffuse_cycles,
+}
 
 
 def _where(record: Record) -> str:

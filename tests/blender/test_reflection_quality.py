@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 
@@ -11,8 +10,7 @@ import pytest
 
 pytest.importorskip("bpy")
 
-from benchmarks import glossy_truth, reflection_quality
-from ssgi_addon.core import ReflectionSettings
+from benchmarks import cycles_truth, reflection_quality
 
 FEW, MANY = "rays=1,reuse=0,filter=false", "rays=32,reuse=0,filter=false"
 
@@ -23,9 +21,9 @@ SIZE, SAMPLES = "36x24", "16"
 @pytest.fixture
 def run(tmp_path, monkeypatch):
     """Run the benchmark on a tiny floor whose truth is there already; return what it stored."""
-    monkeypatch.setattr(glossy_truth, "CACHE", tmp_path / "cache")
-    monkeypatch.setattr(sys, "argv", ["glossy_truth", "floor_0.4", SIZE, SAMPLES])
-    glossy_truth.main()
+    monkeypatch.setattr(cycles_truth, "CACHE", tmp_path / "cache")
+    monkeypatch.setattr(sys, "argv", ["cycles_truth", "floor_0.4", SIZE, SAMPLES])
+    cycles_truth.main()
 
     def main(*variants):
         output = tmp_path / "result.json"
@@ -45,14 +43,3 @@ def test_more_rays_are_nearer_to_cycles(run):
     assert many["relmse"] < few["relmse"]
     assert many["rays"] == 32 * few["rays"]
     assert result["ratios"][MANY]["relmse"] == pytest.approx(many["relmse"] / few["relmse"])
-
-
-def test_variant_names_what_differs_from_the_defaults():
-    settings = reflection_quality.parse_variant("rays=7,filter=false,method=linear")
-    assert settings == ReflectionSettings(rays=7, filter=False, method="linear")
-
-
-@pytest.mark.parametrize("text", ["ray=1", "rays=one", "filter=0", "rays=0", "rays"])
-def test_variant_that_means_nothing_is_refused(text):
-    with pytest.raises(argparse.ArgumentTypeError):
-        reflection_quality.parse_variant(text)

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Settings that benchmarks compare, named by texts, and figures that they share."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ssgi_addon.core.metrics import bias, relmse
+from ssgi_addon.core.types import BoolArray, FloatArray
+
+SettingsT = TypeVar("SettingsT")
+
+
+def parse_variant(text: str, base: SettingsT) -> SettingsT:
+    """Return the settings `base` but for what a text like ``rays=1,filter=false`` names.
+
+    Parameters
+    ----------
+    text
+        Names and values of fields.
+    base
+        Settings of one pass.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If there is no such field, or a value is none of its values.
+    """
+    defaults = {item.name: item.default for item in fields(base)}
+    changes: dict[str, Any] = {}
+    for part in text.split(","):
+        name, _, value = part.partition("=")
+        if name not in defaults:
+            raise argparse.ArgumentTypeError(
+                f"{name!r} is none of {type(base).__name__}: {', '.join(defaults)}"
+            )
+        try:
+            changes[name] = _converted(value, defaults[name])
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(f"{part!r}: {error}") from error
+    try:
+        return replace(base, **changes)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
+def _converted(text: str, default: Any) -> Any:
+    if default is None:
+        return int(text)  # of the settings, only whole numbers may be missing
+    if not isinstance(default, bool):
+        return type(default)(text)
+    if text not in ("true", "false"):
+        raise ValueError("expected true or false")
+    return text == "true"
+
+
+def relative_bias(light: FloatArray, truth: FloatArray, mask: BoolArray) -> float:
+    """Return the bias relative to the mean of the truth, over the pixels of the mask."""
+    return bias(light, truth, mask=mask) / float(truth[mask].mean(dtype=np.float64))
+
+
+def noise_of(halves: FloatArray, mask: BoolArray) -> float:
+    """Return what the noise of a reference adds to every relMSE, over the pixels of the mask.
+
+    The reference is the mean of two halves ``(2, H, W, 3)`` of independent noise. Each differs from it by
+    half of their difference, whose mean square is the variance of the mean.
+    """
+    return relmse(halves[0], halves.mean(axis=0), mask=mask)
+
+
+def geometric_mean(values: Sequence[float]) -> float:
+    """Return the geometric mean of positive values."""
+    return float(np.exp(np.log(values).mean()))
