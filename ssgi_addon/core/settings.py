@@ -203,8 +203,8 @@ class DiffuseSettings:
     sky_rays: int = option(
         2,
         "Shadow rays per pixel toward what is much brighter than the rest of an environment, such as the sun "
-        "in an image of a sky. 0 leaves it to the rays over the hemisphere, few of which meet it; a single one "
-        "is not smoothed, since it takes two to tell noise from a shadow",
+        "in an image of a sky. 0 leaves it to the rays over the hemisphere, few of which meet it; a single "
+        "one is not smoothed, since it takes two to tell noise from a shadow",
         label="Bright Sky Rays",
         unit="rays/pixel",
         min=0,
