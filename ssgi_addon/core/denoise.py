@@ -30,7 +30,7 @@ _NORMAL_SQUARINGS = 5
 # Luminance differences count in units of this many standard deviations.
 _LUMINANCE_WIDTH = 4.0
 # Passes that leave luminance out.
-_GEOMETRIC_LEVELS = 3
+GEOMETRIC_LEVELS = 3
 # The variance of a pixel's few rays says nothing alone; over this radius it does. Pixels.
 _NOISE_RADIUS = 3
 _TAPS = [(dy, dx, (2 - abs(dy)) * (2 - abs(dx)) / 4.0) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dx or dy]
@@ -43,6 +43,7 @@ def filter_light(
     variance: FloatArray,
     levels: NDArray[np.integer[Any]],
     threads: int | None,
+    geometric_levels: int = GEOMETRIC_LEVELS,
 ) -> FloatArray:
     """Smooth noisy light along surfaces.
 
@@ -56,6 +57,8 @@ def filter_light(
         Variance of the luminance of `signal`.
     levels : (H, W)
         Filter passes that each pixel takes part in, 0..5; the k-th reaches 2**k pixels.
+    geometric_levels
+        The first passes, which leave luminance out.
 
     Returns
     -------
@@ -66,7 +69,7 @@ def filter_light(
     height, width = gbuffer.shape
     for level in range(int(levels.max(initial=0))):
         is_active = (levels > level) & ~gbuffer.is_background
-        smoothing = _Pass(guide, signal, variance, is_active, 1 << level, level >= _GEOMETRIC_LEVELS)
+        smoothing = _Pass(guide, signal, variance, is_active, 1 << level, level >= geometric_levels)
         rows = parallel.split(np.arange(height), max(1, 65536 // width))
         parallel.run_chunks(smoothing.filter_rows, rows, threads)
         signal, variance = smoothing.smooth, smoothing.remaining

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import diffuse, ggx, parallel, reflections
+from .bright_sky import light_from_bright_sky
 from .camera import Camera
-from .denoise import filter_light
+from .denoise import GEOMETRIC_LEVELS, filter_light
 from .environment import Environment
 from .gbuffer import GBuffer
 from .light import IndirectLight, luminance
@@ -22,6 +23,8 @@ from .settings import Settings
 from .types import FloatArray, IntArray
 
 _DIFFUSE_LEVELS = 4
+# Not blind to luminance at first, as for other light: that blurs a sun's shadow, for 35 times the error.
+_BRIGHT_SKY_GEOMETRIC_LEVELS = 0
 # Further views only light others: their noise is averaged by the rays that hit them.
 _MOST_VIEW_RAYS = 2
 # Width of the part of a lobe that holds most of its light, per unit of distance and of alpha.
@@ -99,6 +102,7 @@ class _Run:
 
     scene: TraceScene
     earlier_bounces: FloatArray
+    bright_light: FloatArray
 
     def __init__(
         self,
@@ -120,6 +124,8 @@ class _Run:
         self.known_glossy = np.ones_like(self.visibility)
         self.samples: dict[int, diffuse.HemisphereSamples] = {}  # by view
         self.plan = plan_passes(gbuffer, settings, environment)
+        # What rays over the hemisphere look up where they escape
+        self.dim_sky = self.plan.bright_sky.rest if self.plan.bright_sky else environment
         self.seconds: dict[str, float] = {}
         self.rays: dict[str, int] = {"diffuse": 0, "reflections": 0}
 
@@ -135,7 +141,7 @@ class _Run:
         return _Timer(self.seconds, name)
 
     def trace_diffuse(self, pixels: IntArray) -> None:
-        """Fill diffuse, environment_diffuse, visibility, known_diffuse and earlier_bounces."""
+        """Fill diffuse, environment_diffuse, visibility, known_diffuse, earlier_bounces and bright_light."""
         scene, settings = self.scene, self.settings
         # Diffuse light of all bounces but the last, for every texel: what hits hand on with their source
         self.earlier_bounces = np.zeros((scene.texels + 1, 3), dtype=self.diffuse.dtype)
@@ -143,16 +149,45 @@ class _Run:
             return
         source = scene.table("diffuse_source")
         samples = self.samples[0] = diffuse.sample_hemispheres(
-            scene, 0, source, self.environment, settings, pixels,
+            scene, 0, source, self.dim_sky, settings, pixels,
             self._advance(0.05, 0.5, "Diffuse light"),
         )  # fmt: skip
         self.rays["diffuse"] = pixels.size * settings.diffuse.rays
         self.visibility[pixels] = samples.visibility
         self.known_diffuse[pixels] = samples.known
         self.environment_diffuse[pixels] = samples.environment
+        self._trace_bright_sky(0, pixels, settings.diffuse.sky_rays)
         self.diffuse[pixels] = self._bounce(source)
         if settings.diffuse.filter:
             self._smooth_diffuse(samples)
+        if self.plan.bright_sky is not None:
+            bright_light = self.bright_light[scene.front_texels(0)]
+            self.diffuse += bright_light
+            self.environment_diffuse += bright_light
+
+    def _trace_bright_sky(self, home: int, pixels: IntArray, rays: int) -> None:
+        """Fill a view's part of bright_light: what the environment's brightest part brings to each texel.
+
+        Its shadows are as sharp as it is small. So its light is smoothed apart from all other, as far as the
+        spread among each pixel's own rays shows noise.
+        """
+        if self.plan.bright_sky is None:
+            return
+        scene, settings = self.scene, self.settings
+        if home == 0:
+            self.bright_light = np.zeros_like(self.earlier_bounces)
+        found = light_from_bright_sky(
+            scene, home, self.plan.bright_sky, settings, pixels, rays,
+            self._advance(0.55, 0.05, "Bright sky") if home == 0 else None,
+        )  # fmt: skip
+        texels = scene.front_texels(home)
+        self.bright_light[texels][pixels] = self._fill(found.radiance, found.known, rays)
+        if settings.diffuse.filter and rays > 1:
+            self.bright_light[texels] = self._smooth(
+                home, self.bright_light[texels], pixels, found.variance, _DIFFUSE_LEVELS,
+                _BRIGHT_SKY_GEOMETRIC_LEVELS,
+            )  # fmt: skip
+        self.rays["bright sky"] = self.rays.get("bright sky", 0) + found.rays
 
     def _sample_views(self, source: FloatArray) -> None:
         """Sample the hemispheres of the further views: they have bounces of their own to hand on."""
@@ -163,8 +198,9 @@ class _Run:
             pixels = np.flatnonzero(~front.is_background & is_colored(front.albedo))
             if pixels.size:
                 self.samples[home] = diffuse.sample_hemispheres(
-                    self.scene, home, source, self.environment, settings, pixels
+                    self.scene, home, source, self.dim_sky, settings, pixels
                 )
+                self._trace_bright_sky(home, pixels, min(settings.diffuse.sky_rays, _MOST_VIEW_RAYS))
                 self.rays["views"] = self.rays.get("views", 0) + pixels.size * rays
 
     def _bounce(self, source: FloatArray) -> FloatArray:
@@ -176,6 +212,8 @@ class _Run:
             return lights[0]
         albedo = self.scene.table("albedo")
         self._sample_views(source)
+        if self.plan.bright_sky is not None:
+            source = source + albedo * self.bright_light
         lights = {home: self._first_bounce(samples) for home, samples in self.samples.items()}
         for bounce in range(2, bounces + 1):
             for home, samples in self.samples.items():
@@ -223,6 +261,7 @@ class _Run:
         pixel: IntArray,
         variance: FloatArray,
         levels: NDArray[np.int8] | int,
+        geometric_levels: int = GEOMETRIC_LEVELS,
     ) -> FloatArray:
         """Smooth a view's signal (pixels, C); variance and filter levels belong to the listed pixels."""
         view = self.scene.views[home]
@@ -234,7 +273,7 @@ class _Run:
         shape = (height, width)
         smooth = filter_light(
             view.layers[0], view.camera, signal.reshape(*shape, -1), variances.reshape(shape),
-            level_map.reshape(shape), self.settings.threads,
+            level_map.reshape(shape), self.settings.threads, geometric_levels,
         )  # fmt: skip
         return smooth.reshape(height * width, -1)
 
@@ -253,6 +292,8 @@ class _Run:
         if self.settings.diffuse.filter:
             self._smooth_earlier_bounces()
         source = self.scene.table("reflection_source")
+        if self.plan.bright_sky is not None and self.settings.diffuse.bounces > 1:
+            self.earlier_bounces += self.bright_light
         source += self.scene.table("albedo") * self.earlier_bounces
         found = reflections.reflect_light(
             self.scene, source, self.environment, self.settings, pixels,

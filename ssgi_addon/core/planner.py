@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .bright_sky import BrightSky
 from .environment import Environment
 from .gbuffer import GBuffer
 from .settings import Settings
@@ -18,11 +19,15 @@ BLACK = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """The pixels that take diffuse and reflection rays, and what is left out as (what, why)."""
+    """The pixels that take diffuse and reflection rays, and what is left out as (what, why).
+
+    `bright_sky` is the part of the environment that diffuse light samples with rays of its own, if any.
+    """
 
     diffuse: IntArray
     reflections: IntArray
     skipped: tuple[tuple[str, str], ...]
+    bright_sky: BrightSky | None = None
 
 
 def plan_passes(gbuffer: GBuffer, settings: Settings, environment: Environment | None) -> Plan:
@@ -49,7 +54,14 @@ def plan_passes(gbuffer: GBuffer, settings: Settings, environment: Environment |
         skipped.append((f"{is_surface.size - surfaces} pixels", "background"))
     if environment is None:
         skipped.append(("environment light", "none given, or the direct light already holds it"))
-    return Plan(chosen["diffuse"], chosen["reflections"], tuple(skipped))
+    bright_sky = None
+    if environment is not None and chosen["diffuse"].size:
+        bright_sky = BrightSky.of(environment) if settings.diffuse.sky_rays else None
+        if not settings.diffuse.sky_rays:
+            skipped.append(("bright sky rays", "switched off"))
+        elif bright_sky is None:
+            skipped.append(("bright sky rays", "no part of the environment is much brighter than its mean"))
+    return Plan(chosen["diffuse"], chosen["reflections"], tuple(skipped), bright_sky)
 
 
 def is_colored(color: np.ndarray) -> BoolArray:

@@ -200,6 +200,17 @@ class DiffuseSettings:
         max=64,
         soft_max=8,
     )
+    sky_rays: int = option(
+        2,
+        "Shadow rays per pixel toward what is much brighter than the rest of an environment, such as the sun "
+        "in an image of a sky. 0 leaves it to the rays over the hemisphere, few of which meet it; a single "
+        "one is not smoothed, since it takes two to tell noise from a shadow",
+        label="Bright Sky Rays",
+        unit="rays/pixel",
+        min=0,
+        max=4096,
+        soft_max=16,
+    )
     filter: bool = option(True, "Smooth the noise of few rays along surfaces", label="Denoise")
 
     def __post_init__(self) -> None:

@@ -167,6 +167,7 @@ def make_settings(
     glossy_rays: int | None = None,
     bounces: int = 1,
     filter: bool = False,
+    sky_rays: int = 2,
     diffuse: bool = True,
     reflections: bool = True,
     method: str = "hierarchical",
@@ -178,7 +179,9 @@ def make_settings(
     plain = {"reuse": 0, "color_pyramid": False, "subpixel": False}
     return replace(
         base,
-        diffuse=replace(base.diffuse, enabled=diffuse, rays=rays, bounces=bounces, filter=filter),
+        diffuse=replace(
+            base.diffuse, enabled=diffuse, rays=rays, bounces=bounces, filter=filter, sky_rays=sky_rays
+        ),
         reflections=replace(
             base.reflections,
             enabled=reflections,
