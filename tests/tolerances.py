@@ -214,3 +214,14 @@ SKY_AS_BY_HEMISPHERE = 0.05
 # Light of shadow rays of a view, and of the same view as the frame: float32 directions through another
 # rotation send single rays past another edge.
 TURNED_VIEW_RELATIVE = 1e-3
+
+# theta - sin cos by a polynomial of degree 7, radians (measured: 1.06e-3, of up to pi).
+ARC_POLYNOMIAL = 1.1e-3
+# Sectors of 32 that a direction has passed after 14 bisections of a cosine.
+DRAWN_SECTOR = 0.05
+# Share of the hemisphere that a plane covers of itself by the rounding of single sectors.
+LONE_PLANE = 1e-3
+# Slices against rays, mean light (up to 2) and shares of the hemisphere over a frame of 32 x 24.
+SLICED_AS_TRACED = 0.02
+# The same through another view, which one drawn direction per pixel looks into, relative.
+SLICED_BEYOND = 0.05

@@ -74,7 +74,7 @@ class Receivers:
         """Return the pixels of a part of the frame."""
         height, width = gbuffer.shape
         depth = gbuffer.depth[where]
-        shape, dtype = depth.shape, depth.dtype
+        dtype = depth.dtype
         is_surface = ~gbuffer.is_background[where].ravel()
         depth = np.where(is_surface, depth.ravel(), dtype.type(1.0))
         normal = np.ascontiguousarray(gbuffer.normal[where].reshape(-1, 3).T)
@@ -101,8 +101,8 @@ class SliceSide:
     tangent
         Cosine of theta at the tangent plane.
     constant, quadratic, linear
-        A direction of cosine c has passed `constant` - `quadratic` c² + `linear` c P(c²) sectors from the view
-        direction, with P the polynomial of `arc`.
+        A direction of cosine c has passed `constant` - `quadratic` c² + `linear` c P(c²) sectors, counted
+        from the view direction, with P the polynomial of `arc`.
     weight
         The side's share of the light of an even hemisphere, up to a factor of the pixel's own.
     across
@@ -179,12 +179,12 @@ class SliceSide:
         return cosine
 
     def direction(self, passed: FloatArray, view: FloatArray) -> FloatArray:
-        """Return the view-space directions (3, N) that have passed numbers of sectors; `view` as in `Receivers`.
+        """Return the view-space directions (3, N) that have passed some sectors, `view` as in `Receivers`.
 
         By bisection: the number falls from the tangent plane's cosine to 1.
         """
         low, high = self.tangent.copy(), np.ones_like(self.tangent)
-        for _ in range(12):
+        for _ in range(14):
             middle = 0.5 * (low + high)
             is_beyond = self._passed(middle.copy(), np.empty_like(middle)) > passed
             low, high = np.where(is_beyond, middle, low), np.where(is_beyond, high, middle)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from . import parallel, tracer
-from .diffuse import _variance_of_mean
+from .diffuse import variance_of_mean
 from .environment import Environment
 from .frame_points import surface_points
 from .light import luminance
@@ -251,7 +251,7 @@ def _light_block(
         radiance = brought[:, where] * is_lit[:, where, None]
         light.radiance[to] = radiance.mean(axis=0)
         light.known[to] = is_known[:, where].mean(axis=0)
-        light.variance[to] = _variance_of_mean(luminance(radiance)) if rays > 1 else 0.0
+        light.variance[to] = variance_of_mean(luminance(radiance)) if rays > 1 else 0.0
 
     chunks = parallel.split(np.arange(block.size), max(1, parallel.RAYS_PER_TASK // rays))
     parallel.run_chunks(draw, chunks, threads)

@@ -76,6 +76,40 @@ def filter_light(
     return signal
 
 
+def filter_pixels(
+    gbuffer: GBuffer,
+    camera: Camera,
+    signal: FloatArray,
+    pixel: IntArray,
+    variance: FloatArray,
+    levels: NDArray[np.integer[Any]] | int,
+    threads: int | None,
+    geometric_levels: int = GEOMETRIC_LEVELS,
+) -> FloatArray:
+    """Smooth the light (P, C) of some of an image's pixels, as `filter_light` does for all.
+
+    Parameters
+    ----------
+    pixel : (P,)
+        Flat indices of the pixels.
+    signal, variance, levels : (P, C), (P,), (P,) or a number
+        As for `filter_light`; the other pixels take no part.
+    """
+    height, width = gbuffer.shape
+    level_map = np.zeros(height * width, dtype=np.int8)
+    level_map[pixel] = levels
+    images = []
+    for values in (signal, variance):
+        image = np.zeros((height * width, *values.shape[1:]), dtype=values.dtype)
+        image[pixel] = values
+        images.append(image.reshape(height, width, *values.shape[1:]))
+    light, noise = images
+    smooth = filter_light(
+        gbuffer, camera, light, noise, level_map.reshape(height, width), threads, geometric_levels
+    )
+    return smooth.reshape(height * width, -1).take(pixel, axis=0)
+
+
 @dataclass(frozen=True, eq=False)
 class _Guide:
     """What tells surfaces apart: positions and normals (3, H, W), and 1 / the size of a pixel there."""
@@ -114,7 +148,7 @@ class _Pass:
         self.smooth, self.remaining = np.empty_like(signal), np.empty_like(variance)
         if uses_luminance:
             self.brightness = luminance(signal[..., :3])
-            noise = _LUMINANCE_WIDTH * np.sqrt(_local_mean(variance))
+            noise = _LUMINANCE_WIDTH * np.sqrt(local_mean(variance))
             self.inverse_noise = 1.0 / (noise + 1e-6 * self.brightness + 1e-20)
 
     def filter_rows(self, rows: IntArray) -> None:
@@ -161,7 +195,7 @@ class _Pass:
         return weight
 
 
-def _local_mean(image: FloatArray) -> FloatArray:
+def local_mean(image: FloatArray) -> FloatArray:
     """Return the mean over squares of ``2 * _NOISE_RADIUS + 1`` pixels, edges repeated."""
     side = 2 * _NOISE_RADIUS + 1
     for axis in (0, 1):

@@ -1,45 +1,79 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Screen-space directional occlusion by rays over the hemisphere.
+"""Samples of the hemisphere above each pixel, by whichever method: screen-space directional occlusion.
 
 After Ritschel, Grosch and Seidel 2009, "Approximating Dynamic Global Illumination in Image Space": open
-directions bring the environment, blocked ones the bounce. Where the paper tests one point per direction,
-these directions are walked to the first surface, so occlusion and bounce reach across the whole frame.
-Bounces after the first gather over the hits of the first and trace nothing.
+directions bring the environment, blocked ones the bounce. Where the paper tests one point per direction
+(`points`), these directions are walked to the first surface, so occlusion and bounce reach across the whole
+frame; `slices` covers the arcs of slices of the hemisphere instead of sampling directions. Bounces after the
+first gather over what the first one met and trace nothing.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
-from . import parallel, tracer
+from . import parallel, points, tracer
 from .environment import Environment
 from .frame_points import surface_points
 from .light import luminance
 from .sampling import cosine_directions, sample_square
 from .scene import TraceScene
 from .settings import Settings
+from .slice_samples import SLICED, sample_slices
 from .types import FloatArray, IntArray
 
 
-@dataclass(frozen=True, eq=False)
-class HemisphereSamples:
-    """Per-pixel sums over the diffuse rays, and the hits that later bounces read.
+class DiffuseSamples(Protocol):
+    """What every method tells of the hemispheres above P pixels.
 
     Attributes
     ----------
     pixel : (P,) int64
-        The traced pixels.
-    hit : (rays, P) int32
-        Texel that each ray met, as in `scene.Answers`.
+        The sampled pixels.
     bounce, environment : (P, 3) float32
-        Mean over all rays of the light that hits hand on, and of the environment's.
+        Mean over the hemisphere of the light that hits hand on, and of the environment's.
     visibility, known : (P,) float32
-        Fraction of open and of answered rays.
+        Open and answered fraction.
     variance : (P,) float32
         Variance of the mean's luminance.
+    count
+        Samples per pixel.
+    traced
+        Rays that were traced for them.
+    brings_light
+        False for methods that tell visibility alone.
     """
+
+    @property
+    def pixel(self) -> IntArray: ...
+    @property
+    def bounce(self) -> FloatArray: ...
+    @property
+    def environment(self) -> FloatArray: ...
+    @property
+    def visibility(self) -> FloatArray: ...
+    @property
+    def known(self) -> FloatArray: ...
+    @property
+    def variance(self) -> FloatArray: ...
+    @property
+    def count(self) -> int: ...
+    @property
+    def traced(self) -> int: ...
+    @property
+    def brings_light(self) -> bool: ...
+
+    def gather(self, handed_on: FloatArray, threads: int | None) -> FloatArray:
+        """Return the mean (P, 3) over the hemisphere of what texels hand on, (texels + 1, 3)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class HemisphereSamples:
+    """`DiffuseSamples` of rays: ``hit`` (rays, P) int32 is the texel that each met, as in `scene.Answers`."""
 
     pixel: IntArray
     hit: np.ndarray
@@ -48,6 +82,27 @@ class HemisphereSamples:
     visibility: FloatArray
     known: FloatArray
     variance: FloatArray
+    traced: int
+    brings_light: bool
+
+    @property
+    def count(self) -> int:
+        """Rays per pixel."""
+        return int(self.hit.shape[0])
+
+    def gather(self, handed_on: FloatArray, threads: int | None) -> FloatArray:
+        """As `DiffuseSamples.gather`."""
+        bounce = np.empty_like(self.bounce)
+
+        def work(slots: IntArray) -> None:
+            where = slice(slots[0], slots[-1] + 1)
+            total = handed_on.take(self.hit[0, where], axis=0)
+            for ray in range(1, self.count):
+                total += handed_on.take(self.hit[ray, where], axis=0)
+            bounce[where] = total * (1.0 / self.count)
+
+        parallel.run_chunks(work, parallel.split(np.arange(self.pixel.shape[0]), 65536), threads)
+        return bounce
 
 
 def sample_hemispheres(
@@ -58,8 +113,8 @@ def sample_hemispheres(
     settings: Settings,
     pixel: IntArray,
     advance: parallel.Advance | None = None,
-) -> HemisphereSamples:
-    """Trace cosine-distributed rays from the given pixels and sum what they bring.
+) -> DiffuseSamples:
+    """Sample the hemispheres above the given pixels and sum what they bring.
 
     Parameters
     ----------
@@ -72,15 +127,17 @@ def sample_hemispheres(
     environment
         What escapes bring, for directions in the space of view 0; None brings nothing.
     settings
-        Rays per pixel, what unknown samples bring, seed, threads.
+        Method, samples per pixel, what unknown ones bring, seed, threads.
     pixel : (P,)
         Flat indices of the view's pixels to sample.
     advance
         Called with the finished fraction.
     """
     environment = scene.environment_for(home, environment)
-    rays, count = settings.diffuse.rays, pixel.shape[0]
-    dtype = scene.views[home].layers[0].depth.dtype
+    if settings.diffuse.method in SLICED:
+        return sample_slices(scene, home, source, environment, settings, pixel, advance)
+    rays, count, dtype = settings.diffuse.rays, pixel.shape[0], scene.dtype
+    has_rays = settings.diffuse.method == "hemisphere" and settings.diffuse.traced
     samples = HemisphereSamples(
         pixel,
         np.empty((rays, count), dtype=np.int32),
@@ -89,6 +146,8 @@ def sample_hemispheres(
         np.zeros(count, dtype=dtype),
         np.zeros(count, dtype=dtype),
         np.zeros(count, dtype=dtype),
+        traced=rays * count if has_rays else 0,
+        brings_light=settings.diffuse.method != "ssao",
     )
 
     def advanced(fraction: float) -> None:
@@ -129,6 +188,7 @@ def _sample_block(
         to = slice(block[0] + where.start, block[0] + where.stop)
         samples.hit[:, to] = texel[:, where]
         radiance = source.take(texel[:, where], axis=0)
+        radiance *= samples.brings_light
         samples.bounce[to] = radiance.mean(axis=0)
         if environment is not None:
             sky = np.zeros_like(radiance)
@@ -139,33 +199,20 @@ def _sample_block(
         kind = status[:, where]
         samples.known[to] = (kind >= tracer.ESCAPED).mean(axis=0)
         samples.visibility[to] = ((kind == tracer.ESCAPED) | (kind == tracer.UNKNOWN)).mean(axis=0)
-        samples.variance[to] = _variance_of_mean(luminance(radiance))
+        samples.variance[to] = variance_of_mean(luminance(radiance))
 
     chunks = parallel.split(np.arange(block.size), max(1, parallel.RAYS_PER_TASK // rays))
     parallel.run_chunks(draw, chunks, threads)
-    answers = scene.answer(origin.reshape(3, -1), direction.reshape(3, -1), home, threads, advance)
+    if samples.traced:
+        answers = scene.answer(origin.reshape(3, -1), direction.reshape(3, -1), home, threads, advance)
+    else:
+        answers = points.test_points(scene, home, origin, direction, pixel, settings)
     status, texel = answers.status.reshape(rays, -1), answers.texel.reshape(rays, -1)
     is_lit = answers.brings_environment(settings.unknown).reshape(rays, -1)
     parallel.run_chunks(shade, chunks, threads)
 
 
-def gather_bounce(samples: HemisphereSamples, handed_on: FloatArray, threads: int | None) -> FloatArray:
-    """Return the mean ``(P, 3)`` over each pixel's hits of what texels hand on, ``(texels + 1, 3)``."""
-    bounce = np.empty_like(samples.bounce)
-    rays = samples.hit.shape[0]
-
-    def work(slots: IntArray) -> None:
-        where = slice(slots[0], slots[-1] + 1)
-        total = handed_on.take(samples.hit[0, where], axis=0)
-        for ray in range(1, rays):
-            total += handed_on.take(samples.hit[ray, where], axis=0)
-        bounce[where] = total * (1.0 / rays)
-
-    parallel.run_chunks(work, parallel.split(np.arange(samples.pixel.shape[0]), 65536), threads)
-    return bounce
-
-
-def _variance_of_mean(values: FloatArray) -> FloatArray:
+def variance_of_mean(values: FloatArray) -> FloatArray:
     """Return the variance ``(N,)`` of the mean of ``(rays, N)`` values."""
     rays = values.shape[0]
     mean: FloatArray = values.mean(axis=0)

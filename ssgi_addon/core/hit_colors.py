@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .answers import Answers
 from .depth_field import DepthField
-from .scene import Answers, TraceScene
+from .scene import TraceScene
 from .types import BoolArray, FloatArray, IntArray
 
 # Cones wider than 2 to this many pixels read a cell of that size.

@@ -6,6 +6,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from .gbuffer import GBuffer
 from .types import FloatArray
 
@@ -62,6 +64,32 @@ def composite(gbuffer: GBuffer, light: IndirectLight) -> FloatArray:
             f"light: expected the G-buffer's shape {gbuffer.direct.shape}, got {light.diffuse.shape}"
         )
     return gbuffer.direct + gbuffer.albedo * light.diffuse + gbuffer.specular * light.glossy
+
+
+def fill_unknown(answered: FloatArray, known: FloatArray, samples: int, unknown: str) -> FloatArray:
+    """Give unknown samples the mean of the pixel's answered ones where `Settings.unknown` asks for it.
+
+    The mean of all pixels counts as one more answered sample, for pixels with none or few.
+
+    Parameters
+    ----------
+    answered : (P, 3)
+        Sum over the answered samples / number of samples.
+    known : (P,)
+        Fraction of the samples that were answered.
+    samples
+        Per pixel.
+    unknown
+        As in `Settings.unknown`.
+    """
+    if unknown != "mean":
+        return answered
+    total = float(known.sum(dtype=np.float64))
+    overall = answered.sum(axis=0, dtype=np.float64) / total if total else np.zeros(3)
+    one = 1.0 / samples
+    mean = (answered + (overall * one).astype(answered.dtype)) / (known + one)[:, None]
+    filled: FloatArray = answered + (1.0 - known)[:, None] * mean
+    return filled
 
 
 def luminance(rgb: FloatArray) -> FloatArray:

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from . import ggx, parallel, tracer
+from .answers import Answers
 from .environment import Environment
 from .frame_points import surface_points, toward_camera
 from .hit_colors import HitColors
@@ -22,7 +23,7 @@ from .light import luminance
 from .lobes import Lobes
 from .resolve import LobeSums, RayGrid, grid_shape, keep, resolve
 from .sampling import sample_square
-from .scene import Answers, TraceScene
+from .scene import TraceScene
 from .settings import ReflectionSettings, Settings
 from .types import BoolArray, FloatArray, IntArray
 

@@ -10,44 +10,16 @@ from typing import Any
 import numpy as np
 
 from . import parallel, tracer
+from .answers import Answers, MergedAnswers, only_hits
 from .camera import Camera
 from .depth_field import MAX_LEVEL, DepthField
 from .environment import Environment
 from .field_stack import FieldStack
 from .gbuffer import GBuffer
 from .settings import Settings
-from .types import BoolArray, FloatArray, IntArray, StatusArray
+from .types import FloatArray, IntArray
 
 View = tuple[GBuffer, Camera]
-
-
-@dataclass(frozen=True, eq=False)
-class Answers:
-    """What N rays met.
-
-    Attributes
-    ----------
-    status : (N,) int8
-        `tracer.HIT`, `ESCAPED`, `BLOCKED` or `UNKNOWN`.
-    texel : (N,) int64
-        For hits the flat pixel index into all views' pixels one after another; for all other rays the index
-        one past the last, where tables of radiance hold black.
-    distance : (N,) float32
-        To the hit, in units of the direction's length; +inf for all other rays.
-    x_px, y_px : (N,) float32
-        Where in its view's image the hit lies; 0 for all other rays.
-    """
-
-    status: StatusArray
-    texel: IntArray
-    distance: FloatArray
-    x_px: FloatArray
-    y_px: FloatArray
-
-    def brings_environment(self, unknown: str) -> BoolArray:
-        """Return (N,) which rays bring the environment: escapes, and others where `unknown` says so."""
-        least = tracer.UNKNOWN if unknown == "environment" else tracer.ESCAPED
-        return (self.status >= least) & (self.status <= tracer.ESCAPED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +88,11 @@ class TraceScene:
             self.views.append(placed)
         self.stacks = self._stacks()
 
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Of all arrays."""
+        return self.views[0].layers[0].depth.dtype
+
     def table(self, name: str) -> FloatArray:
         """Return a property of all texels ``(texels + 1, 3)`` with black in the last row."""
         rows = [getattr(layer, name).reshape(-1, 3) for view in self.views for layer in view.layers]
@@ -140,6 +117,8 @@ class TraceScene:
         home: int = 0,
         threads: int | None = 1,
         advance: parallel.Advance | None = None,
+        *,
+        is_clear: bool = False,
     ) -> Answers:
         """Trace rays that start on a view's surfaces: first through that view, then on through all others.
 
@@ -153,18 +132,44 @@ class TraceScene:
             The view whose surfaces the rays start on.
         threads, advance
             As in `tracer.trace_rays`.
+        is_clear
+            Nothing in that view is in the way of the rays: look at the others alone.
         """
         view, count = self.views[home], origin_vs.shape[1]
+        if is_clear:
+            return self._answer_beyond(home, origin_vs, direction_vs, threads)
         if len(self.views) == len(view.fields) == 1:
             found = self._trace(view.fields[0], origin_vs, direction_vs, threads, advance)
-            return _answers(found.status, found.pixel, found.distance, found.x_px, found.y_px, self.texels)
-        merged = _Merged(count, origin_vs.dtype)
+            return only_hits(found.status, found.pixel, found.distance, found.x_px, found.y_px, self.texels)
+        merged = MergedAnswers(count, origin_vs.dtype)
         everywhere = np.arange(count)
         left = np.empty(0, dtype=origin_vs.dtype)
         for layer, (field, offset) in enumerate(zip(view.fields, view.offsets, strict=True)):
             found = self._trace(field, origin_vs, direction_vs, threads, advance)
             merged.add(field, offset, everywhere, found)
             left = found.distance if layer == 0 else left
+        return self._finish(home, origin_vs, direction_vs, left, merged, threads)
+
+    def _answer_beyond(
+        self, home: int, origin_vs: FloatArray, direction_vs: FloatArray, threads: int | None
+    ) -> Answers:
+        """Answer rays that nothing in their own view stops."""
+        field = self.views[home].fields[0]
+        found = tracer.pass_through(field, origin_vs, direction_vs, self.max_distance)
+        merged = MergedAnswers(origin_vs.shape[1], origin_vs.dtype)
+        merged.escapes[found.status == tracer.ESCAPED] = True
+        return self._finish(home, origin_vs, direction_vs, found.distance, merged, threads)
+
+    def _finish(
+        self,
+        home: int,
+        origin_vs: FloatArray,
+        direction_vs: FloatArray,
+        left: FloatArray,
+        merged: MergedAnswers,
+        threads: int | None,
+    ) -> Answers:
+        """Let unanswered rays go on from where they left their own view, and return all answers."""
         onward = np.flatnonzero((merged.status() == tracer.UNKNOWN) & np.isfinite(left))
         if len(self.views) > 1 and onward.size:
             self._continue_elsewhere(home, origin_vs, direction_vs, left, onward, merged, threads)
@@ -190,7 +195,7 @@ class TraceScene:
         direction: FloatArray,
         left: FloatArray,
         onward: IntArray,
-        merged: _Merged,
+        merged: MergedAnswers,
         threads: int | None,
     ) -> None:
         """Trace the `onward` rays through all other views from the distance at which they left their own."""
@@ -242,56 +247,6 @@ class TraceScene:
         )
 
 
-class _Merged:
-    """The nearest answer that several fields give to the same rays.
-
-    A ray that one field blocks at distance t takes hits of the others up to t plus the blocking surface's
-    thickness.
-    """
-
-    def __init__(self, count: int, dtype: np.dtype[Any]) -> None:
-        self.texel = np.zeros(count, dtype=np.int64)
-        self.nearest = np.full(count, np.inf, dtype=dtype)
-        self.limit = np.full(count, np.inf, dtype=dtype)
-        self.x_px, self.y_px = np.zeros((2, count), dtype=dtype)
-        self.escapes = np.zeros(count, dtype=np.bool_)
-
-    def add(self, field: DepthField, offset: int, ray: IntArray, found: tracer.TraceResult) -> None:
-        """Take in what one field answers to the listed rays; its pixels are texels from `offset` on."""
-        hit = np.flatnonzero(found.status == tracer.HIT)
-        hit = hit[found.distance.take(hit) < self.nearest.take(ray.take(hit))]
-        to = ray.take(hit)
-        self.nearest[to] = found.distance.take(hit)
-        self.texel[to] = found.pixel.take(hit) + offset
-        self.x_px[to], self.y_px[to] = found.x_px.take(hit), found.y_px.take(hit)
-        blocked = np.flatnonzero(found.status == tracer.BLOCKED)
-        limit = found.distance.take(blocked) + _thickness(field, found.pixel.take(blocked))
-        blocked = ray.take(blocked)
-        self.limit[blocked] = np.minimum(self.limit.take(blocked), limit)
-        self.escapes[ray[found.status == tracer.ESCAPED]] = True
-
-    def status(self) -> StatusArray:
-        """Return each ray's status: something in the way is more certain than an open sky."""
-        is_hit = (self.nearest < np.inf) & (self.nearest <= self.limit)
-        cases = [is_hit, self.limit < np.inf, self.escapes]
-        kinds = [np.int8(tracer.HIT), np.int8(tracer.BLOCKED), np.int8(tracer.ESCAPED)]
-        return np.select(cases, kinds, np.int8(tracer.UNKNOWN))
-
-    def answers(self, texels: int) -> Answers:
-        """Return what is known by now; `texels` is the texel of rays that hit nothing."""
-        return _answers(self.status(), self.texel, self.nearest, self.x_px, self.y_px, texels)
-
-
-def _answers(
-    status: StatusArray, texel: IntArray, distance: FloatArray, x: FloatArray, y: FloatArray, texels: int
-) -> Answers:
-    """Return answers that hold nothing of rays that hit nothing; the arrays become the answers' own."""
-    other = np.flatnonzero(status != tracer.HIT)
-    for values, nothing in ((texel, texels), (distance, np.inf), (x, 0.0), (y, 0.0)):
-        values[other] = nothing
-    return Answers(status, texel, distance, x, y)
-
-
 @dataclass(frozen=True, eq=False)
 class _Visit:
     """Rays that enter a field of another view: which, from where on, and how they look there."""
@@ -339,15 +294,3 @@ def _in_front_of_camera(
         enters = np.where(approach > 0.0, (near - depth) / approach, np.inf)
     starts_in_front = depth + begin * approach >= near
     return np.where(starts_in_front, begin, np.where(enters > begin, enters, np.inf)).astype(begin.dtype)
-
-
-def _thickness(field: DepthField, pixel: IntArray) -> FloatArray:
-    """Return the thickness of the slabs of some pixels, scene units."""
-    planes = field.planes.take(pixel, axis=0)
-    front: FloatArray = planes[:, 0]
-    slab: FloatArray = planes[:, 3]
-    if field.camera.is_orthographic:
-        return slab
-    with np.errstate(divide="ignore"):
-        thickness: FloatArray = 1.0 / (front - slab) - 1.0 / front
-    return thickness

@@ -163,3 +163,34 @@ def _entry_into_frame(
         enters = is_outside & (to_border > 0.0)
         s_begin = np.maximum(s_begin, np.where(enters, to_border, np.where(is_outside, np.inf, 0.0)))
     return s_begin.astype(start[0].dtype)
+
+
+def pass_through(
+    field: DepthField, origin_vs: FloatArray, direction_vs: FloatArray, max_distance: float = np.inf
+) -> TraceResult:
+    """Follow rays that nothing of their view stops: each vanishes within the frame, or leaves it.
+
+    The parameters are those of `project_rays`. What vanishes over background ESCAPES; all else is UNKNOWN,
+    followed to the frame's border or to the largest distance, or to no finite distance.
+    """
+    camera = field.camera
+    rays = project_rays(field, origin_vs, direction_vs, max_distance)
+    result = TraceResult.empty(direction_vs.shape[1], direction_vs.dtype)
+    s_exit = np.full_like(rays.s_vanish, np.inf)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for start, velocity, size in zip(rays.start, rays.velocity, (camera.width, camera.height)):
+            border = (np.where(velocity > 0.0, float(size), 0.0) - start) / velocity
+            s_exit = np.minimum(s_exit, np.where(velocity == 0.0, np.inf, border))
+        s_end = np.minimum(s_exit, rays.s_limit)
+        distance = s_end if camera.is_orthographic else s_end / (rays.start[2] + s_end * rays.velocity[2])
+    stays = rays.s_vanish <= s_end
+    result.distance[:] = np.where(stays, np.inf, distance)
+    gone = np.flatnonzero(stays & np.isfinite(rays.s_vanish))
+    x, y = (
+        np.clip(start.take(gone) + velocity.take(gone) * rays.s_vanish.take(gone), 0, size - 1).astype(
+            np.int64
+        )
+        for start, velocity, size in zip(rays.start, rays.velocity, (camera.width, camera.height))
+    )
+    result.status[gone[field.is_background.take(y * camera.width + x)]] = ESCAPED
+    return result

@@ -178,9 +178,11 @@ class DiffuseSettings:
     enabled: bool = option(True, "Trace diffuse rays", label="Diffuse")
     method: str = option(
         "hemisphere",
-        "How the hemisphere above each pixel is sampled",
+        "How the hemisphere above each pixel is sampled: by rays that are followed to what they meet; by "
+        "slices, below a horizon (everything is infinitely thick) or in sectors that single things cover; "
+        "or by points that lie within surfaces or not, which tell visibility alone",
         label="Method",
-        choices=("hemisphere",),
+        choices=("hemisphere", "horizon", "bitmask", "ssao"),
     )
     rays: int = option(
         6,
@@ -190,6 +192,39 @@ class DiffuseSettings:
         min=1,
         max=4096,
         soft_max=128,
+    )
+    traced: bool = option(
+        True,
+        "Follow the hemisphere's directions to what they meet; otherwise test one point along each, as "
+        "screen-space directional occlusion was published",
+        label="Traced",
+    )
+    radius: float = option(
+        0.2,
+        "How far points lie that are tested, at most, relative to the surface's distance from the camera "
+        "(orthographic: to the width of the view); for ssao, and for a hemisphere that is not traced",
+        label="Radius",
+        min=1e-4,
+        max=10.0,
+        soft_max=1.0,
+    )
+    slices: int = option(
+        1,
+        "Slices of the hemisphere per pixel, for the horizon and the bitmask method",
+        label="Slices",
+        unit="slices/pixel",
+        min=1,
+        max=64,
+        soft_max=8,
+    )
+    steps: int = option(
+        16,
+        "Pixels that are read along each side of a slice, ever farther apart, up to the frame's border",
+        label="Steps",
+        unit="pixels/side",
+        min=1,
+        max=256,
+        soft_max=64,
     )
     bounces: int = option(
         6,

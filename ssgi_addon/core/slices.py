@@ -7,13 +7,13 @@ farther apart, and each covers a part of the slice's arc:
 - ``"horizon"``: all between the tangent plane and the highest direction so far (Bavoil et al. 2008, HBAO;
   Jimenez et al. 2016, GTAO). What raises the horizon lights the arc that it adds (Mayaux 2018,
   "Horizon-Based Indirect Lighting"). Everything is infinitely thick.
-- ``"bitmask"``: the sectors that the surface and its thickness stand before (Therrien et al. 2023). What covers
-  sectors first lights them; light passes behind thin things.
+- ``"bitmask"``: the sectors that the surface and its thickness stand before (Therrien et al. 2023). What
+  covers sectors first lights them; light passes behind thin things.
 
 Where the papers read points, these read patches: each stands for its part of the line, along its plane, so
-that no light falls between two reads of one surface, and a plane never covers itself. A patch that faces away,
-and what is hidden behind a front, covers and brings nothing, as for rays. The patterns of a tile of pixels
-differ; the filter averages over them.
+that no light falls between two reads of one surface, and a plane never covers itself. A patch that faces
+away, and what is hidden behind a front, covers and brings nothing, as for rays. The patterns of a tile of
+pixels differ; the filter averages over them.
 """
 
 from __future__ import annotations
@@ -28,18 +28,21 @@ import numpy as np
 from . import parallel
 from .arcs import SECTORS, Receivers, SliceSide
 from .camera import Camera
-from .covers import HorizonCover, Read, Scratch, SectorCover
+from .covers import HorizonCover, SectorCover
 from .depth_field import DepthField
 from .gbuffer import GBuffer
 from .interleave import SIDE, merge_phases, phase_shape, split_phases
-from .sampling import mix, morton
+from .patches import Bytes, Cover, Read, Scratch
+from .sampling import mix, morton, sample_square
+from .settings import Settings
 from .types import BoolArray, FloatArray
 
-COVERS = {"horizon": HorizonCover, "bitmask": SectorCover}
+COVERS: dict[str, type[Cover]] = {"horizon": HorizonCover, "bitmask": SectorCover}
 # The first read covers the line from here on, pixels.
 _FIRST_BORDER = 0.5
 _PIXELS_PER_TASK = 32768
-_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+# Steps of the R2 sequence (Roberts 2018): powers of the inverse of the plastic number.
+_STEPS = tuple(1.324717957244746**-power for power in (1, 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +52,7 @@ class Arcs:
     Attributes
     ----------
     hit, escaped, open : (H, W)
-        Shares that met a lit front, that reach the background, and that nothing covers (`escaped` among them).
+        Shares that met a lit front, that reach the background, and that nothing covers, `escaped` included.
     direction : (H, W, 3)
         One of the open directions, view space, drawn by its share; zero where it was not asked for.
     """
@@ -69,6 +72,11 @@ class _Band:
     top: int
     bottom: int
     columns: int
+
+    @property
+    def order(self) -> int:
+        """Number of the phase within a tile, in Morton order."""
+        return int(morton(np.array([self.x]), np.array([self.y]))[0])
 
     @property
     def rows(self) -> slice:
@@ -101,41 +109,23 @@ class SliceGather:
     ----------
     gbuffer, camera, field
         The frame and its slabs.
-    method
-        One of `COVERS`.
-    slices, steps
-        Slices per pixel, and reads along each of their two sides.
-    max_distance
-        How far things cover, scene units.
-    seed
-        Of the patterns.
-    threads
-        Worker threads.
+    settings
+        Method, slices, steps, largest distance, seed and threads.
     """
 
-    def __init__(
-        self,
-        gbuffer: GBuffer,
-        camera: Camera,
-        field: DepthField,
-        *,
-        method: str,
-        slices: int,
-        steps: int,
-        max_distance: float,
-        seed: int,
-        threads: int | None,
-    ) -> None:
-        self.gbuffer, self.camera, self.threads = gbuffer, camera, threads
-        self.cover, self.slices, self.steps, self.seed = COVERS[method], slices, steps, seed
-        self.max_distance, self.q_end, self.shape = max_distance, field.q_end, gbuffer.shape
+    def __init__(self, gbuffer: GBuffer, camera: Camera, field: DepthField, settings: Settings) -> None:
+        options = settings.diffuse
+        self.gbuffer, self.camera, self.q_end, self.shape = gbuffer, camera, field.q_end, gbuffer.shape
+        self.cover, self.slices, self.steps = COVERS[options.method], options.slices, options.steps
+        self.max_distance, self.seed, self.threads = settings.max_distance, settings.seed, settings.threads
+        slices, steps = self.slices, self.steps
         height, width = self.shape
         planes = field.planes.reshape(height, width, 4)
-        self.planes = split_phases(planes)
+        self.planes = split_phases(np.concatenate([planes, field.reach.reshape(height, width, 1)], axis=-1))
         # Background has no q: it lies at the end
         np.maximum(self.planes[:, :, 0], field.q_end, out=self.planes[:, :, 0])
         _, _, _, rows, columns = self.planes.shape
-        # Per side and read, how much of the side is covered by lit fronts; per side, what a step of it is worth
+        # Per side and read, how much of it lit fronts cover; per side, what a step of that is worth
         self.covered = np.zeros((SIDE, SIDE, slices, 2, steps, rows, columns), dtype=np.uint8)
         self.worth = np.zeros((SIDE, SIDE, slices, 2, rows, columns), dtype=planes.dtype)
         self.per_task = max(1, _PIXELS_PER_TASK // columns)
@@ -184,10 +174,12 @@ class SliceGather:
         for number, (side, ux, uy) in self._sides(band):
             arc = SliceSide.of(receivers, ux, uy)
             dice = self._dice(band, 2 * number + side)
-            cover = self.cover(arc, receivers, scratch, self.q_end, self.max_distance, next(dice))
+            cover = self.cover(
+                arc, receivers, scratch, self.q_end, self.max_distance, next(dice), self._limit(band, ux, uy)
+            )
             lit = np.zeros(count, dtype=dtype)
             covered = self.covered[band.y, band.x, number, side, :, band.rows, : band.columns]
-            found = [None]
+            found: list[tuple[int, Bytes] | None] = []
             for read, window in self._windows(band, number, side, ux, uy):
                 found.append(cover.add(read, self._fill(scratch, window, band.shape)))
             for number_steps in (*found, cover.finish()):
@@ -202,8 +194,9 @@ class SliceGather:
             worth[number, side] = arc.weight.reshape(band.shape)
             if wants_direction:
                 # The share of what is open decides which side the direction is drawn from
-                is_chosen = next(dice) * free < share
-                drawn = arc.direction(cover.draw(next(dice)), receivers.view)
+                u, v = self._points(band, 2 * number + side)
+                is_chosen = u * free < share
+                drawn = arc.direction(cover.draw(v), receivers.view)
                 np.copyto(direction, drawn, where=is_chosen)
         inverse = (1.0 / SECTORS) / np.maximum(total, 1e-30)
         worth *= (inverse * (1.0 / self.cover.steps_per_sector)).reshape(band.shape)
@@ -228,6 +221,16 @@ class SliceGather:
             light *= self.worth[band.y, band.x, number, side, band.rows, : band.columns]
             total += light
 
+    def _limit(self, band: _Band, ux: float, uy: float) -> FloatArray:
+        """Return where lines from a band's pixels leave the frame (N,), pixels."""
+        limits = []
+        for size, step, where in zip(self.shape, (uy, ux), band.pixels):
+            centre = np.arange(size)[where] + 0.5
+            room = size - centre if step > 0.0 else centre
+            limits.append((room / max(abs(step), 1e-9)).astype(self.planes.dtype))
+        limit: FloatArray = np.minimum(limits[0][:, None], limits[1]).ravel()
+        return limit
+
     def _borrow_scratch(self, size: int) -> Scratch:
         try:
             scratch = self.scratches.get_nowait()
@@ -238,7 +241,7 @@ class SliceGather:
 
     def _fill(self, scratch: Scratch, window: _Window, shape: tuple[int, int]) -> BoolArray | None:
         """Copy the planes that a band reads; return where it reads beyond the frame, None for nowhere."""
-        planes = scratch.planes.reshape(4, *shape)
+        planes = scratch.planes.reshape(5, *shape)
         planes[:, *window.here] = self.planes[window.phase][:, *window.there]
         if window.is_whole:
             return None
@@ -249,9 +252,8 @@ class SliceGather:
 
     def _sides(self, band: _Band) -> Iterator[tuple[int, tuple[int, float, float]]]:
         """Yield the number of each slice with its sides and their directions on the screen."""
-        order = int(morton(np.int64(band.x), np.int64(band.y)))
         # Each 2 x 2 of a tile's phases is as even as the whole tile
-        turn = _reversed_bits(order) / SIDE**2 + _hash(self.seed, 0) / SIDE**2
+        turn = _reversed_bits(band.order) / SIDE**2 + _hash(self.seed, 0) / SIDE**2
         for number in range(self.slices):
             angle = math.pi * (number + turn) / self.slices
             for side, sign in enumerate((1.0, -1.0)):
@@ -259,9 +261,15 @@ class SliceGather:
 
     def _dice(self, band: _Band, kind: int) -> Iterator[float]:
         """Yield numbers of [0, 1) that are even over the phases of a tile."""
-        order = int(morton(np.int64(band.x), np.int64(band.y)))
-        for axis in range(4):
-            yield (_GOLDEN * order + _hash(self.seed, 4 * kind + axis + 1)) % 1.0
+        for axis, step in enumerate(_STEPS):
+            yield (step * band.order + _hash(self.seed, 4 * kind + axis + 1)) % 1.0
+
+    def _points(self, band: _Band, kind: int) -> tuple[FloatArray, FloatArray]:
+        """Return sample points (u, v) of [0, 1)², each (N,), that are even over neighbours."""
+        rows, columns = (np.arange(size)[where] for size, where in zip(self.shape, band.pixels))
+        pixel = (rows[:, None] * self.shape[1] + columns).ravel()
+        u, v = sample_square(pixel, self.shape[1], 1, self.seed + 64 + kind, self.planes.dtype)
+        return u[0], v[0]
 
     def _windows(
         self, band: _Band, number: int, side: int, ux: float, uy: float

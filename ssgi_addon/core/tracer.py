@@ -31,7 +31,7 @@ from .depth_field import DepthField
 from .field_stack import FieldStack
 from .march import March, MarchOptions
 from .ray_queue import RayQueue
-from .screen_rays import BLOCKED, ESCAPED, HIT, UNKNOWN, ScreenRays, TraceResult, project_rays
+from .screen_rays import BLOCKED, ESCAPED, HIT, UNKNOWN, ScreenRays, TraceResult, pass_through, project_rays
 from .types import FloatArray
 from .walk import Walk
 
@@ -43,6 +43,7 @@ __all__ = [
     "MarchOptions",
     "ScreenRays",
     "TraceResult",
+    "pass_through",
     "project_rays",
     "trace_rays",
     "trace_visitors",

@@ -297,6 +297,6 @@ def test_depth_and_colour_of_noise_give_light_in_range(rng):
 def test_variance_is_that_of_the_mean_of_independent_samples(rng):
     values = rng.gamma(0.5, 2.0, (7, 50))
     expected = values.var(axis=0, ddof=1) / 7
-    np.testing.assert_allclose(diffuse._variance_of_mean(values), expected, rtol=REPEATED_SUM)
+    np.testing.assert_allclose(diffuse.variance_of_mean(values), expected, rtol=REPEATED_SUM)
     # One sample says nothing of its own noise
-    np.testing.assert_array_equal(diffuse._variance_of_mean(values[:1]), values[0] ** 2)
+    np.testing.assert_array_equal(diffuse.variance_of_mean(values[:1]), values[0] ** 2)

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from ssgi_addon.core import Camera, GBuffer, Settings, render_indirect, tracer
+from ssgi_addon.core.answers import Answers
 from ssgi_addon.core.hit_colors import HitColors
-from ssgi_addon.core.scene import Answers, TraceScene
+from ssgi_addon.core.scene import TraceScene
 from tests.core.synthetic import Plane, capture, look_at, make_settings, uniform_gbuffer
 from tests.tolerances import (
     CONE_ERROR_LEFT,

@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The diffuse pass: the first bounce from samples, later ones from what the samples met, then the filter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from . import parallel
+from .bright_sky import BrightSky, light_from_bright_sky
+from .denoise import GEOMETRIC_LEVELS, filter_pixels
+from .diffuse import DiffuseSamples, sample_hemispheres
+from .environment import Environment
+from .light import fill_unknown
+from .planner import is_colored
+from .scene import TraceScene
+from .settings import Settings
+from .types import FloatArray, IntArray
+
+_LEVELS = 4
+# Not blind to luminance at first, as for other light: that blurs a sun's shadow, for 35 times the error.
+_BRIGHT_SKY_GEOMETRIC_LEVELS = 0
+# Further views only light others: their noise is averaged by the rays that hit them.
+_MOST_VIEW_RAYS = 2
+# Bounces stop when one adds less than this fraction of the light so far.
+LEAST_BOUNCE = 1e-3
+
+Part = Callable[[float, float, str], parallel.Advance]
+
+
+@dataclass(frozen=True, eq=False)
+class DiffuseLight:
+    """Diffuse light of P pixels.
+
+    Attributes
+    ----------
+    radiance, environment : (P, 3)
+        Mean over the cosine hemisphere, and the environment's part of it.
+    visibility, known : (P,)
+        Fraction of open and of answered directions.
+    """
+
+    radiance: FloatArray
+    environment: FloatArray
+    visibility: FloatArray
+    known: FloatArray
+
+
+class DiffusePass:
+    """The diffuse light of a frame and of all further views, bounce by bounce.
+
+    Parameters
+    ----------
+    scene
+        All views.
+    settings
+        How to sample.
+    environment
+        What escaping directions bring; None brings nothing.
+    bright_sky
+        What was taken out of the environment to be sampled by rays of its own; None for nothing.
+    part
+        Makes a callback for a part of the pass: where it begins, its share of the whole, and a text.
+    """
+
+    def __init__(
+        self,
+        scene: TraceScene,
+        settings: Settings,
+        environment: Environment | None,
+        bright_sky: BrightSky | None,
+        part: Part,
+    ) -> None:
+        self.scene, self.settings, self.environment = scene, settings, environment
+        self.bright_sky, self.part = bright_sky, part
+        self.rays: dict[str, int] = {}
+        # By view: samples, light of the bright sky per pixel, and light of all bounces but the last
+        self.samples: dict[int, DiffuseSamples] = {}
+        self.bright: dict[int, FloatArray] = {}
+        self.earlier: dict[int, FloatArray] = {}
+
+    def trace(self, pixel: IntArray) -> DiffuseLight:
+        """Return the light of the frame's given pixels (P,)."""
+        settings = self.settings
+        source = self.scene.table("diffuse_source")
+        samples = self._sample(0, source, settings, pixel, self.part(0.05, 0.5, "Diffuse light"))
+        self.rays["diffuse"] = samples.traced
+        self._trace_bright_sky(0, pixel, settings.diffuse.sky_rays)
+        light = DiffuseLight(self._bounce(source), samples.environment, samples.visibility, samples.known)
+        if settings.diffuse.filter:
+            light = self._smooth(light, samples)
+        if self.bright_sky is not None:
+            bright = self.bright[0]
+            light = replace(light, radiance=light.radiance + bright, environment=light.environment + bright)
+        return light
+
+    def handed_on(self) -> FloatArray:
+        """Return the diffuse light (texels + 1, 3) of all bounces but the last, smoothed: mirrors show it."""
+        table = np.zeros((self.scene.texels + 1, 3), dtype=self.scene.dtype)
+        for home, light in self.earlier.items():
+            samples = self.samples[home]
+            if self.settings.diffuse.filter:
+                light = self._filter(home, light, samples.pixel, samples.variance)
+            if self.bright_sky is not None:
+                light = light + self.bright[home]
+            table[self.scene.front_texels(home)][samples.pixel] = light
+        return table
+
+    def _sample(
+        self,
+        home: int,
+        source: FloatArray,
+        settings: Settings,
+        pixel: IntArray,
+        advance: parallel.Advance | None = None,
+    ) -> DiffuseSamples:
+        samples = sample_hemispheres(self.scene, home, source, self.environment, settings, pixel, advance)
+        self.samples[home] = samples
+        return samples
+
+    def _sample_views(self, source: FloatArray) -> None:
+        """Sample the hemispheres of the further views: they have bounces of their own to hand on."""
+        options = self.settings.diffuse
+        options = replace(options, method="hemisphere", rays=min(options.rays, _MOST_VIEW_RAYS))
+        settings = replace(self.settings, diffuse=options)
+        for home in range(1, len(self.scene.views)):
+            front = self.scene.views[home].layers[0]
+            pixel = np.flatnonzero(~front.is_background & is_colored(front.albedo))
+            if pixel.size:
+                samples = self._sample(home, source, settings, pixel)
+                self._trace_bright_sky(home, pixel, min(options.sky_rays, _MOST_VIEW_RAYS))
+                self.rays["views"] = self.rays.get("views", 0) + samples.traced
+
+    def _bounce(self, source: FloatArray) -> FloatArray:
+        """Return the frame's light (P, 3) of all bounces, and keep that of all but the last."""
+        frame = self.samples[0]
+        first = self._filled(frame, frame.bounce)
+        bounces = self.settings.diffuse.bounces if frame.brings_light else 1
+        if bounces == 1:
+            return first
+        self._sample_views(source)
+        lights = {home: self._filled(samples, samples.bounce) for home, samples in self.samples.items()}
+        handed_on = source.copy()
+        for bounce in range(2, bounces + 1):
+            for home, samples in self.samples.items():
+                self._hand_on(home, samples, lights[home], source, handed_on)
+            self.earlier = dict(lights)
+            # The last bounce is only for the eye
+            for home in tuple(self.samples) if bounce < bounces else (0,):
+                samples = self.samples[home]
+                lights[home] = self._filled(samples, samples.gather(handed_on, self.settings.threads))
+            added = float((lights[0] - self.earlier[0]).sum(dtype=np.float64))
+            if added <= LEAST_BOUNCE * float(lights[0].sum(dtype=np.float64)):
+                break
+        return lights[0]
+
+    def _hand_on(
+        self, home: int, samples: DiffuseSamples, light: FloatArray, source: FloatArray, handed_on: FloatArray
+    ) -> None:
+        """Write what a view's pixels hand on once they have their light: source + albedo x light."""
+        texels = self.scene.front_texels(home)
+        albedo = self.scene.views[home].layers[0].albedo.reshape(-1, 3)
+        source, handed_on = source[texels], handed_on[texels]
+        bright = self.bright.get(home)
+
+        def work(slots: IntArray) -> None:
+            where = slice(slots[0], slots[-1] + 1)
+            pixel = samples.pixel[where]
+            received = light[where] if bright is None else light[where] + bright[where]
+            handed_on[pixel] = source.take(pixel, axis=0) + albedo.take(pixel, axis=0) * received
+
+        chunks = parallel.split(np.arange(samples.pixel.size), parallel.RAYS_PER_TASK)
+        parallel.run_chunks(work, chunks, self.settings.threads)
+
+    def _filled(self, samples: DiffuseSamples, bounce: FloatArray) -> FloatArray:
+        answered = bounce + samples.environment
+        return fill_unknown(answered, samples.known, samples.count, self.settings.unknown)
+
+    def _trace_bright_sky(self, home: int, pixel: IntArray, rays: int) -> None:
+        """Find what the environment's brightest part brings to the pixels of a view.
+
+        Its shadows are as sharp as it is small. So its light is smoothed apart from all other, as far as the
+        spread among each pixel's own rays shows noise.
+        """
+        if self.bright_sky is None:
+            return
+        found = light_from_bright_sky(
+            self.scene, home, self.bright_sky, self.settings, pixel, rays,
+            self.part(0.55, 0.05, "Bright sky") if home == 0 else None,
+        )  # fmt: skip
+        light = fill_unknown(found.radiance, found.known, rays, self.settings.unknown)
+        if self.settings.diffuse.filter and rays > 1:
+            light = self._filter(home, light, pixel, found.variance, _BRIGHT_SKY_GEOMETRIC_LEVELS)
+        self.bright[home] = light
+        self.rays["bright sky"] = self.rays.get("bright sky", 0) + found.rays
+
+    def _smooth(self, light: DiffuseLight, samples: DiffuseSamples) -> DiffuseLight:
+        parts = [light.radiance, light.visibility[:, None]]
+        if self.environment is not None:
+            parts.append(light.environment)
+        smooth = self._filter(0, np.concatenate(parts, axis=1), samples.pixel, samples.variance)
+        return replace(
+            light,
+            radiance=smooth[:, :3],
+            visibility=np.minimum(smooth[:, 3], 1.0),
+            environment=light.environment if self.environment is None else smooth[:, 4:],
+        )
+
+    def _filter(
+        self,
+        home: int,
+        signal: FloatArray,
+        pixel: IntArray,
+        variance: FloatArray,
+        geometric_levels: int = GEOMETRIC_LEVELS,
+    ) -> FloatArray:
+        view = self.scene.views[home]
+        return filter_pixels(
+            view.layers[0], view.camera, signal, pixel, variance, _LEVELS, self.settings.threads,
+            geometric_levels,
+        )  # fmt: skip
