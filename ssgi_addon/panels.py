@@ -35,6 +35,7 @@ class SSGI_PT_main(_RenderPanel, bpy.types.Panel):
 
     def draw_settings(self, layout, settings):
         layout.prop(settings, "preset")
+        layout.prop(settings, "engine")
         column = layout.column(align=True)
         column.prop(settings, "samples")
         column.prop(settings, "denoise")

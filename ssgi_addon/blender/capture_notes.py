@@ -7,7 +7,7 @@ from collections.abc import Collection
 
 import bpy
 
-from .shader_trees import nodes_with_groups, output_link, shaded_materials, shaded_worlds
+from .shader_trees import nodes_with_groups, output_link, output_target, shaded_materials, shaded_worlds
 
 _MOST_NAMES = 3
 # The input of each glossy node that stretches its highlights along a tangent.
@@ -33,10 +33,11 @@ def capture_notes(scene: bpy.types.Scene) -> tuple[str, ...]:
             "Anisotropic reflections count as isotropic ones of the same roughness in the indirect light: "
             f"{_counted(brushed)}."
         )
+    target = output_target(scene)
     volumes = [
         owner.name
         for owner in (*shaded_materials(), *shaded_worlds())
-        if output_link(owner.node_tree, "Volume") is not None
+        if output_link(owner.node_tree, "Volume", target) is not None
     ]
     if volumes:
         notes.append(f"Volumes are in the direct light but do not dim the indirect: {_counted(volumes)}.")

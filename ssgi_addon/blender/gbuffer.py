@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cycles' passes to the G-buffer of the core."""
+"""Blender's passes to the G-buffer of the core."""
 
 from __future__ import annotations
 
@@ -30,14 +30,19 @@ _MOST_OTHER_LIGHT = 0.5
 
 
 def gbuffer_from_passes(
-    layers: Mapping[str, FloatArray], roughness: FloatArray, camera: Camera, *, is_denoised: bool = False
+    layers: Mapping[str, FloatArray],
+    roughness: FloatArray,
+    camera: Camera,
+    *,
+    is_denoised: bool = False,
+    emission_in_direct: bool = True,
 ) -> GBuffer:
     """Combine geometry and light that were rendered without diffuse and glossy bounces.
 
     Parameters
     ----------
     layers
-        `GEOMETRY_PASSES` and `LIGHT_PASSES` as Cycles writes them: normals in world space, light divided
+        `GEOMETRY_PASSES` and `LIGHT_PASSES` as Blender writes them: normals in world space, light divided
         by the surface's colour.
     roughness : (H, W)
         Of the glossy lobe.
@@ -46,13 +51,14 @@ def gbuffer_from_passes(
     is_denoised
         Combined is denoised, and `layers` holds `OTHER_LIGHT_PASSES` too: mirrors then show clean surfaces.
 
-    Returns
-    -------
-    GBuffer
-        What surfaces hand on holds no emission: emissive meshes are lamps in Cycles' direct passes.
+    emission_in_direct
+        Emissive meshes light the surfaces around them already, as lamps do in Cycles' direct passes. Where
+        they do not (EEVEE), `layers` holds Emission too, and surfaces hand it on.
     """
     depth = layers["Depth"]
     source = layers["Diffuse Direct"] * layers["Diffuse Color"]
+    if not emission_in_direct:
+        source = source + layers["Emission"]
     glossy_source = source + layers["Glossy Direct"] * layers["Glossy Color"]
     if is_denoised:
         glossy_source = _denoised_reflection(layers, glossy_source)
