@@ -136,7 +136,11 @@ class EeveeEngine:
         restorer.change(scene.eevee, taa_render_samples=1, use_shadows=False)
 
     def borrow_light(self, restorer, scene, view_layer, *, samples, denoise):
-        restorer.change(scene.eevee, taa_render_samples=samples)
+        # Its shadows cost most of the render, also where nothing casts any.
+        has_lamps = any(light.users for light in bpy.data.lights)
+        restorer.change(
+            scene.eevee, taa_render_samples=samples, use_shadows=scene.eevee.use_shadows and has_lamps
+        )
         return False
 
     def render(self, scene, view_layer, names):
