@@ -111,8 +111,9 @@ VIEW_HIT_UNITS = 0.2
 
 # Mean light against Cycles with as many bounces, of the whole picture and of its indirect share alone, from
 # a frame and its surround (measured: 0.99 to 1.01, and 0.95 to 1.01; what the camera cannot see is missing).
-ACCOUNTED_COMBINED = 0.05
-ACCOUNTED_INDIRECT = 0.1
+# Through EEVEE all light of emissive meshes and of the world is ours.
+ACCOUNTED_COMBINED = {"cycles": 0.05, "eevee": 0.1}
+ACCOUNTED_INDIRECT = {"cycles": 0.1, "eevee": 0.1}
 
 # Mean of pixels that show the sky or an emitter almost alone.
 EMITTED = 0.01
@@ -178,3 +179,21 @@ CONE_NOISE_LEFT = 0.7
 # Squared error of one cone per pixel, relative to that of one thin ray, before a wall of noise (measured 0.32
 # and 0.56).
 CONE_ERROR_LEFT = 0.7
+
+# The world's panorama against the colour of each direction, 0 to 1: bilinear between pixels of 1.4 degrees.
+PANORAMA_LIGHT = 2e-3
+# A sun of whole pixels of a panorama: its light is their sum in another order; its direction is off by the
+# unevenness of its rim, radians.
+SUN_IRRADIANCE = 1e-4
+SUN_DIRECTION = 0.01
+
+# EEVEE's colours: half floats that are cut off, not rounded.
+EEVEE_HALF = 2.0**-10
+# EEVEE against Cycles. Depth of a slanted surface, relative: Cycles' sample lies up to 0.005 pixels off the
+# centre; normals and AOVs are half floats. At silhouettes the two may draw different surfaces.
+EEVEE_DEPTH = 1e-3
+EEVEE_NORMAL = 4e-3
+EEVEE_SILHOUETTE = 0.01
+ROUGHNESS_AOV_HALF = 1e-3
+# The mean light of a lamp with soft shadows, EEVEE's of 4 samples against Cycles' of 64, relative.
+EEVEE_LAMP_LIGHT = 0.05

@@ -72,8 +72,14 @@ def render_eevee_passes(
 
 
 def _borrow_output(restorer: Restorer, scene: bpy.types.Scene, path: Path) -> None:
-    """Let renders of `scene` write all passes to `path`; one format's change touches other settings."""
+    """Let renders of `scene` write all passes to `path`.
+
+    The choice of a format changes other settings, too. All are put back but one that is empty until the first
+    format is chosen, and then can never be emptied again: the linear colour space.
+    """
     settings = scene.render.image_settings
+    color_space = settings.linear_colorspace_settings
+    kept_color_space = color_space.name
     kept = {
         item.identifier: getattr(settings, item.identifier)
         for item in settings.bl_rna.properties
@@ -86,6 +92,8 @@ def _borrow_output(restorer: Restorer, scene: bpy.types.Scene, path: Path) -> No
     def put_back() -> None:
         for name, value in kept.items():
             setattr(settings, name, value)
+        if kept_color_space:
+            color_space.name = kept_color_space
 
     restorer.callback(put_back)
     for name, value in wanted.items():
