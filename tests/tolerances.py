@@ -111,7 +111,8 @@ VIEW_HIT_UNITS = 0.2
 
 # Mean light against Cycles with as many bounces, of the whole picture and of its indirect share alone, from
 # a frame and its surround (measured: 0.99 to 1.01, and 0.95 to 1.01; what the camera cannot see is missing).
-# Through EEVEE all light of emissive meshes and of the world is ours.
+# Through EEVEE all light of emissive meshes and of the world is ours (measured: 0.99, 1.01 and 1.03, and 0.99,
+# 1.01 and 1.07: a pixel's patch reaches half a pixel over the edge of an emitter, which has few of them).
 ACCOUNTED_COMBINED = {"cycles": 0.05, "eevee": 0.1}
 ACCOUNTED_INDIRECT = {"cycles": 0.1, "eevee": 0.1}
 

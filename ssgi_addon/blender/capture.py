@@ -127,6 +127,8 @@ def _capture_geometry(
         borrow_clear_air(restorer, view_layer)
         roughness = borrow_roughness(restorer, view_layer)
         names = ("Depth", "Normal", "Position", *roughness.passes)
+        if not engine.emission_in_direct:
+            names = (*names, "Emission")
         borrow_passes(restorer, view_layer, names)
         rendered = engine.render(scene, view_layer, names)
         return rendered, roughness.read(rendered.layers)
@@ -192,7 +194,7 @@ def _assemble(
             roughness,
             geometry.camera,
             is_denoised=is_denoised,
-            emission_in_direct=engine.emission_in_direct,
+            emission=None if engine.emission_in_direct else geometry.layers["Emission"],
         ),
         camera=geometry.camera,
         environment=None,

@@ -35,7 +35,7 @@ def gbuffer_from_passes(
     camera: Camera,
     *,
     is_denoised: bool = False,
-    emission_in_direct: bool = True,
+    emission: FloatArray | None = None,
 ) -> GBuffer:
     """Combine geometry and light that were rendered without diffuse and glossy bounces.
 
@@ -51,14 +51,14 @@ def gbuffer_from_passes(
     is_denoised
         Combined is denoised, and `layers` holds `OTHER_LIGHT_PASSES` too: mirrors then show clean surfaces.
 
-    emission_in_direct
-        Emissive meshes light the surfaces around them already, as lamps do in Cycles' direct passes. Where
-        they do not (EEVEE), `layers` holds Emission too, and surfaces hand it on.
+    emission : (H, W, 3)
+        What surfaces hand on besides, at the pixels' centres: emitters whose edges are smoothed look larger
+        to rays. None where emissive meshes are lamps already, as in Cycles' direct passes.
     """
     depth = layers["Depth"]
     source = layers["Diffuse Direct"] * layers["Diffuse Color"]
-    if not emission_in_direct:
-        source = source + layers["Emission"]
+    if emission is not None:
+        source = source + emission
     glossy_source = source + layers["Glossy Direct"] * layers["Glossy Color"]
     if is_denoised:
         glossy_source = _denoised_reflection(layers, glossy_source)

@@ -105,7 +105,7 @@ def capture_surround(
                 roughness.read(rendered.layers),
                 rendered.camera,
                 is_denoised=is_denoised,
-                emission_in_direct=engine.emission_in_direct,
+                emission=None if engine.emission_in_direct else rendered.layers["Emission"],
             )
             views.append((gbuffer, rendered.camera))
     return tuple(views), time.perf_counter() - start
