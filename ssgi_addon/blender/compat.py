@@ -144,3 +144,8 @@ def borrow_world(restorer: Restorer, view_layer: bpy.types.ViewLayer, world: bpy
         restorer.change(view_layer, world_override=world)
     else:
         restorer.change(view_layer.id_data, world=world)
+
+
+def writes_oblong_pixels() -> bool:
+    """Whether multilayer EXR files can hold pixels that are not square; 5.0 and 5.1 fail without a reason."""
+    return not (5, 0, 0) <= bpy.app.version < (5, 2, 0)

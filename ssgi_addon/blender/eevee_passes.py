@@ -50,6 +50,11 @@ def render_eevee_passes(
     SSGIError
         If Blender cannot render the scene, the render was cancelled, or EEVEE lacks a pass.
     """
+    if scene.render.pixel_aspect_x != scene.render.pixel_aspect_y and not compat.writes_oblong_pixels():
+        raise SSGIError(
+            f"Blender {bpy.app.version_string} cannot write passes of pixels that are not square: use the "
+            "engine cycles, or set Output properties > Format > Aspect to 1."
+        )
     names = tuple(names)
     cameras: list[Camera] = []
     start = time.perf_counter()

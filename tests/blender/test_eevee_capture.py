@@ -15,7 +15,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from ssgi_addon.blender import eevee_passes
+from ssgi_addon.blender import compat, eevee_passes
 from ssgi_addon.blender.build import add_ball, add_box, add_camera, add_lamp, new_material, new_world
 from ssgi_addon.blender.capture import CaptureOptions, capture_frame
 from ssgi_addon.blender.job import render_frame
@@ -26,7 +26,12 @@ from ssgi_addon.job_options import JobOptions
 from ssgi_addon.results import apply_passes
 from tests.blender.fingerprint import changes, fingerprint
 from tests.blender.opengl import needs_opengl
-from tests.blender.test_capture import set_shift
+from tests.blender.test_capture import (
+    set_pixel_aspect,
+    set_scaled_parent,
+    set_shift,
+    set_shifted_orthographic_border,
+)
 from tests.blender.test_restore import build_rich_scene
 from tests.scenes import WHITE, new_scene
 from tests.tolerances import (
@@ -122,6 +127,24 @@ def test_roughness_comes_from_temporary_nodes(frames):
     assert is_ball.sum() > 50
     is_off = np.abs(ours.roughness[is_ball] - 0.3) > ROUGHNESS_AOV_HALF
     assert is_off.mean() < EEVEE_SILHOUETTE
+
+
+def make_another_scene_current(scene):
+    bpy.context.window.scene = bpy.data.scenes.new("Other")
+
+
+@needs_opengl
+@pytest.mark.parametrize(
+    "change", [set_shifted_orthographic_border, set_scaled_parent, make_another_scene_current]
+)
+def test_framing_is_that_of_cycles(box, change):
+    change(box)
+    ours, cycles = (capture_frame(box, options(engine)) for engine in ("eevee", "cycles"))
+    assert ours.gbuffer.shape == (ours.camera.height, ours.camera.width)
+    assert np.array_equal(ours.camera.world_from_view, cycles.camera.world_from_view)
+    assert not ours.gbuffer.is_background.all()
+    is_same = np.isclose(ours.gbuffer.depth, cycles.gbuffer.depth, rtol=EEVEE_DEPTH)
+    assert (~is_same).mean() < EEVEE_SILHOUETTE
 
 
 # --- Who counts which light -------------------------------------------------------------------------------
@@ -265,6 +288,16 @@ def test_missing_opengl_is_one_clear_line_and_no_crash(empty_file, tmp_path):
     assert done.returncode == 1, done.stderr
     assert "EEVEE cannot render here" in done.stderr
     assert "use the engine cycles" in done.stderr
+
+
+@needs_opengl
+def test_oblong_pixels_are_captured_or_refused(box):
+    set_pixel_aspect(box)
+    if compat.writes_oblong_pixels():
+        assert not capture_frame(box, options("eevee")).gbuffer.is_background.all()
+    else:
+        with pytest.raises(SSGIError, match="not square: use the engine cycles"):
+            capture_frame(box, options("eevee"))
 
 
 @needs_opengl
