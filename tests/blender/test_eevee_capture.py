@@ -16,7 +16,15 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from ssgi_addon.blender import compat, eevee_passes
-from ssgi_addon.blender.build import add_ball, add_box, add_camera, add_lamp, new_material, new_world
+from ssgi_addon.blender.build import (
+    add_ball,
+    add_box,
+    add_camera,
+    add_lamp,
+    new_material,
+    new_world,
+    node_tree,
+)
 from ssgi_addon.blender.capture import CaptureOptions, capture_frame
 from ssgi_addon.blender.job import render_frame
 from ssgi_addon.core import Settings
@@ -41,6 +49,7 @@ from tests.tolerances import (
     EEVEE_NORMAL,
     EEVEE_SILHOUETTE,
     ROUGHNESS_AOV_HALF,
+    SUN_IRRADIANCE,
 )
 
 SKY, GLOW = (0.5, 0.6, 0.7), (2.0, 1.0, 0.5)
@@ -197,6 +206,45 @@ def test_probes_and_ray_tracing_add_no_light(box):
     box.collection.objects.link(probe)
     gbuffer = capture_frame(box, options("eevee")).gbuffer
     assert not gbuffer.source[~gbuffer.is_background].any()
+
+
+def new_sun_world(toward):
+    """A black world with a bright disc of 11 degrees around a direction."""
+    world = new_world("Sun", (1, 1, 1), 0.0)
+    tree = node_tree(world)
+    place = tree.nodes.new("ShaderNodeTexCoord")
+    cosine = tree.nodes.new("ShaderNodeVectorMath")
+    cosine.operation = "DOT_PRODUCT"
+    cosine.inputs[1].default_value = toward
+    disc, bright = tree.nodes.new("ShaderNodeMath"), tree.nodes.new("ShaderNodeMath")
+    disc.operation, bright.operation = "GREATER_THAN", "MULTIPLY"
+    disc.inputs[1].default_value, bright.inputs[1].default_value = 0.995, 100.0
+    for socket, source in (
+        (cosine.inputs[0], place.outputs["Generated"]),
+        (disc.inputs[0], cosine.outputs["Value"]),
+        (bright.inputs[0], disc.outputs[0]),
+        (tree.nodes["Background"].inputs["Strength"], bright.outputs[0]),
+    ):
+        tree.links.new(socket, source)
+    return world
+
+
+@needs_opengl
+def test_sun_of_a_world_is_a_lamp_and_not_in_the_environment(empty_file):
+    """A white floor under a sun of known size and brightness, of which the threshold leaves a tenth."""
+    toward = np.array([0.48, 0.6, 0.64])
+    empty_file.world = new_sun_world(toward)
+    floor = new_material("Floor", WHITE, roughness=1.0, specular=0.0)
+    add_box(empty_file, "Floor", floor, (-50, -50, -1), (50, 50, 0))
+    add_camera(empty_file, (0, 0, 2), (0, 0.01, 0), lens=50.0)
+    empty_file.render.resolution_x, empty_file.render.resolution_y = 8, 8
+    frame = capture_frame(empty_file, options("eevee"))
+    irradiance = 2.0 * np.pi * (1.0 - 0.995) * (100.0 - empty_file.world.sun_threshold) * toward[2]
+    expected = WHITE[0] / np.pi * irradiance
+    assert frame.gbuffer.direct.mean() == pytest.approx(expected, rel=EEVEE_LAMP_LIGHT)
+    rest = frame.environment.image.max()
+    assert rest == pytest.approx(empty_file.world.sun_threshold, rel=SUN_IRRADIANCE)
+    assert not bpy.data.lights
 
 
 # --- Scene and files are as before ------------------------------------------------------------------------
