@@ -10,7 +10,8 @@ from .core import Settings
 from .core.settings import option
 
 DEFAULT_PRESET = "balanced"
-ENGINES = ("cycles", "eevee")
+ENGINE_LABELS = {"cycles": "Cycles", "eevee": "EEVEE"}
+ENGINES = tuple(ENGINE_LABELS)
 _MOST_SAMPLES = 1 << 24  # of Cycles
 
 

@@ -35,9 +35,12 @@ class SSGI_PT_main(_RenderPanel, bpy.types.Panel):
 
     def draw_settings(self, layout, settings):
         layout.prop(settings, "preset")
+        layout.prop(settings, "engine")
         column = layout.column(align=True)
         column.prop(settings, "samples")
-        column.prop(settings, "denoise")
+        row = column.row()
+        row.active = settings.engine == "cycles"
+        row.prop(settings, "denoise")
         layout.prop(settings, "surround")
         layout.operator("ssgi.render", icon="RENDER_STILL")
 

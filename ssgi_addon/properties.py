@@ -13,7 +13,7 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from .core.settings import PRESETS, DiffuseSettings, ReflectionSettings, Settings
-from .job_options import DEFAULT_PRESET, ENGINES, JobOptions
+from .job_options import DEFAULT_PRESET, ENGINE_LABELS, ENGINES, JobOptions
 
 # A Blender property has no "none" and no infinity; 0 stands for both, and its help says so.
 OPEN_ENDED = {None: "0 uses as many as there are", math.inf: "0 is without limit"}
@@ -155,7 +155,7 @@ class SSGI_PG_settings(_SharedSettings, _JobOptions, bpy.types.PropertyGroup):
     engine: EnumProperty(
         name="Engine",
         description="Which render engine renders the direct light",
-        items=[(ENGINES[0], ENGINES[0].title(), "")],
+        items=[(name, ENGINE_LABELS[name], "") for name in ENGINES],
         default=ENGINES[0],
     )
 

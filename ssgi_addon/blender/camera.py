@@ -43,15 +43,16 @@ def check_camera(scene: bpy.types.Scene) -> None:
         )
 
 
-def camera_of_render(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> Camera:
-    """Describe the camera of the render that `engine` is carrying out.
+def camera_of_render(engine: bpy.types.RenderEngine | None, depsgraph: bpy.types.Depsgraph) -> Camera:
+    """Describe the camera of the render that is being carried out.
 
     Parameters
     ----------
     engine
-        The render engine, inside its ``render`` method: it knows the camera's pose without scale.
+        The render engine, inside its ``render`` method: it knows the camera's pose without scale. None for
+        EEVEE, which is no Python class.
     depsgraph
-        The one that ``render`` was given.
+        The one that renders.
 
     Returns
     -------
@@ -117,9 +118,10 @@ def rendered_region(scene: bpy.types.Scene) -> tuple[int, int, int, int]:
     return left, height - top, right - left, top - bottom
 
 
-def _pose(engine: bpy.types.RenderEngine, camera: bpy.types.Object) -> np.ndarray:
-    """World from view without scale, from the matrix that Cycles itself places the camera with."""
-    pose = np.array(engine.camera_model_matrix(camera), dtype=np.float64)
+def _pose(engine: bpy.types.RenderEngine | None, camera: bpy.types.Object) -> np.ndarray:
+    """World from view without scale, from the matrix that the engine itself places the camera with."""
+    matrix = camera.matrix_world.normalized() if engine is None else engine.camera_model_matrix(camera)
+    pose = np.array(matrix, dtype=np.float64)
     axes = pose[:3, :3] / np.linalg.norm(pose[:3, :3], axis=0)
     shear = np.abs(axes.T @ axes - np.eye(3)).max()
     if not shear < _LARGEST_SHEAR:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Capture a frame's G-buffer and direct light through Cycles, and leave the scene as it was."""
+"""Capture a frame's G-buffer and direct light through Cycles or EEVEE, and leave the scene as it was."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import SSGIError
+from ..core import Camera, Environment
 from ..frame import CapturedFrame
 from .capture_notes import capture_notes
-from .cycles_passes import RenderedPasses, render_passes
-from .gbuffer import LIGHT_PASSES, OTHER_LIGHT_PASSES, gbuffer_from_passes
-from .render_settings import borrow_denoiser, borrow_passes, borrow_pixel_centers, borrow_scene
+from .cycles_passes import RenderedPasses
+from .engines import Engine, engine_named
+from .gbuffer import gbuffer_from_passes
+from .render_settings import borrow_passes, borrow_pixel_centers, borrow_scene
 from .restore import Restorer
 from .roughness import borrow_roughness
 from .surround import capture_surround, surround_pose
@@ -23,8 +24,6 @@ from .volumes import borrow_clear_air
 
 FloatArray = NDArray[np.float32]
 Progress = Callable[[float, str], None]
-
-_ALL_LIGHT_PASSES = (*LIGHT_PASSES, *OTHER_LIGHT_PASSES)
 
 
 @dataclass(frozen=True)
@@ -34,11 +33,11 @@ class CaptureOptions:
     Attributes
     ----------
     engine
-        ``"cycles"``.
+        ``"cycles"`` or ``"eevee"``.
     samples
-        Cycles' samples of the direct light.
+        Per pixel, of the direct light.
     denoise
-        Denoise the direct light where this build of Blender has a denoiser.
+        Denoise the direct light where this build of Blender has a denoiser; EEVEE's is never denoised.
     resolution
         Width and height, pixels; None means the scene's resolution and percentage.
     frame
@@ -48,7 +47,7 @@ class CaptureOptions:
     surround
         Width and height of each of the six views around the camera, pixels; 0 captures none.
     surround_samples
-        Cycles' samples of the light in those views.
+        Per pixel, of the light in those views.
     """
 
     engine: str = "cycles"
@@ -82,15 +81,15 @@ def capture_frame(
     Returns
     -------
     CapturedFrame
-        With the direct light of lamps, emissive meshes and the world.
+        Through Cycles with the direct light of lamps, emissive meshes and the world; through EEVEE with that
+        of lamps alone, emission in what surfaces hand on, and the world as the frame's environment.
 
     Raises
     ------
     SSGIError
         If the scene cannot be captured, or the render was cancelled.
     """
-    if options.engine != "cycles":
-        raise SSGIError(f"Engine '{options.engine}' cannot be captured: use cycles.")
+    engine = engine_named(options.engine)
     report = progress or _ignore
     with Restorer() as restorer:
         view_layer = borrow_scene(
@@ -99,18 +98,19 @@ def capture_frame(
             resolution=options.resolution,
             frame=options.frame,
             view_layer=options.view_layer,
+            engine_id=engine.engine_id(),
         )
-        # Cycles then builds its scene once for all renders of this capture; switching it off frees it.
-        restorer.change(scene.render, use_persistent_data=True)
+        world = engine.borrow_scene(restorer, scene, view_layer)
         report(0.0, "Geometry")
-        geometry, roughness = _capture_geometry(scene, view_layer)
+        geometry, roughness = _capture_geometry(engine, scene, view_layer)
         report(0.3, "Direct light")
-        light, is_denoised = _capture_light(scene, view_layer, options)
+        light, is_denoised = _capture_light(engine, scene, view_layer, options)
         notes = capture_notes(scene)
-        frame = _assemble(geometry, roughness, light, is_denoised, notes)
+        frame = _assemble(engine, geometry, roughness, light, is_denoised, notes)
+        frame = replace(frame, environment=_environment(world, frame.camera))
         if options.surround:
-            frame = _add_surround(frame, scene, view_layer, options, report)
-    if options.denoise and not is_denoised:
+            frame = _add_surround(engine, frame, scene, view_layer, options, report)
+    if options.denoise and engine.denoises and not is_denoised:
         note = "This Blender has no denoiser: the direct light is not denoised."
         frame = replace(frame, notes=(*frame.notes, note))
     report(1.0, "Captured")
@@ -118,38 +118,36 @@ def capture_frame(
 
 
 def _capture_geometry(
-    scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer
+    engine: Engine, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer
 ) -> tuple[RenderedPasses, FloatArray]:
     """Render one sample at the centre of each pixel; return its passes and the roughness."""
     with Restorer() as restorer:
-        restorer.change(
-            scene.cycles,
-            samples=1,
-            # Rays that are cut out of leaves go on; all else about light is not needed.
-            max_bounces=0,
-        )
+        engine.borrow_geometry(restorer, scene, view_layer)
         borrow_pixel_centers(restorer, scene)
-        borrow_denoiser(restorer, scene, view_layer, wanted=False)
         borrow_clear_air(restorer, view_layer)
         roughness = borrow_roughness(restorer, view_layer)
         names = ("Depth", "Normal", "Position", *roughness.passes)
+        if not engine.emission_in_direct:
+            names = (*names, "Emission")
         borrow_passes(restorer, view_layer, names)
-        rendered = render_passes(scene, view_layer, names)
+        rendered = engine.render(scene, view_layer, names)
         return rendered, roughness.read(rendered.layers)
 
 
 def _capture_light(
-    scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, options: CaptureOptions
+    engine: Engine, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, options: CaptureOptions
 ) -> tuple[RenderedPasses, bool]:
     """Render the light that needs no bounce; return its passes and whether Combined is denoised."""
     with Restorer() as restorer:
-        restorer.change(scene.cycles, samples=options.samples, diffuse_bounces=0, glossy_bounces=0)
-        is_denoised = borrow_denoiser(restorer, scene, view_layer, options.denoise)
-        borrow_passes(restorer, view_layer, _ALL_LIGHT_PASSES)
-        return render_passes(scene, view_layer, _ALL_LIGHT_PASSES), is_denoised
+        is_denoised = engine.borrow_light(
+            restorer, scene, view_layer, samples=options.samples, denoise=options.denoise
+        )
+        borrow_passes(restorer, view_layer, engine.light_passes)
+        return engine.render(scene, view_layer, engine.light_passes), is_denoised
 
 
 def _add_surround(
+    engine: Engine,
     frame: CapturedFrame,
     scene: bpy.types.Scene,
     view_layer: bpy.types.ViewLayer,
@@ -161,6 +159,7 @@ def _add_surround(
     if not np.isfinite(nearest):
         return frame
     views, seconds = capture_surround(
+        engine,
         scene,
         view_layer,
         surround_pose(frame.camera, nearest, scene.camera.data.clip_start),
@@ -172,7 +171,16 @@ def _add_surround(
     return replace(frame, views=views, seconds={**frame.seconds, "surround": seconds})
 
 
+def _environment(radiance: FloatArray | None, camera: Camera) -> Environment | None:
+    if radiance is None:
+        return None
+    if radiance.shape[:2] == (1, 1):
+        return Environment.constant(radiance[0, 0])
+    return Environment.equirectangular(radiance, camera.world_from_view)
+
+
 def _assemble(
+    engine: Engine,
     geometry: RenderedPasses,
     roughness: FloatArray,
     light: RenderedPasses,
@@ -181,12 +189,18 @@ def _assemble(
 ) -> CapturedFrame:
     layers = {**light.layers, **{name: geometry.layers[name] for name in ("Depth", "Normal", "Position")}}
     return CapturedFrame(
-        gbuffer=gbuffer_from_passes(layers, roughness, geometry.camera, is_denoised=is_denoised),
+        gbuffer=gbuffer_from_passes(
+            layers,
+            roughness,
+            geometry.camera,
+            is_denoised=is_denoised,
+            emission=None if engine.emission_in_direct else geometry.layers["Emission"],
+        ),
         camera=geometry.camera,
         environment=None,
-        engine="cycles",
-        emission_in_direct=True,
-        world_in_direct=True,
+        engine=engine.name,
+        emission_in_direct=engine.emission_in_direct,
+        world_in_direct=engine.world_in_direct,
         layers=layers,
         seconds={"geometry": geometry.seconds, "light": light.seconds},
         notes=notes,

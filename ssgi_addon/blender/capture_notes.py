@@ -7,7 +7,7 @@ from collections.abc import Collection
 
 import bpy
 
-from .shader_trees import nodes_with_groups, output_link, shaded_materials, shaded_worlds
+from .shader_trees import nodes_with_groups, output_link, output_target, shaded_materials, shaded_worlds
 
 _MOST_NAMES = 3
 # The input of each glossy node that stretches its highlights along a tangent.
@@ -21,11 +21,22 @@ _ANISOTROPY = {
 def capture_notes(scene: bpy.types.Scene) -> tuple[str, ...]:
     """Say, a sentence each, which light or effect is missing from a capture of `scene`."""
     notes = []
+    target = output_target(scene)
+    is_cycles = target == "CYCLES"
     refracting = [material.name for material in shaded_materials() if _refracts(material.node_tree)]
     if refracting:
+        reason = (
+            "Cycles counts both as indirect" if is_cycles else "EEVEE needs ray tracing or probes for both"
+        )
         notes.append(
-            "Light that comes through refraction is missing, and so are its inner reflections, since Cycles "
-            f"counts both as indirect: {_counted(refracting)}."
+            "Light that comes through refraction is missing, and so are its inner reflections, since "
+            f"{reason}: {_counted(refracting)}."
+        )
+    blended = [material.name for material in shaded_materials() if _is_blended(material)]
+    if blended and not is_cycles:
+        notes.append(
+            "Blended materials have no depth in EEVEE, so rays pass through them "
+            f"(set Render Method to Dithered): {_counted(blended)}."
         )
     brushed = [material.name for material in shaded_materials() if _is_anisotropic(material.node_tree)]
     if brushed:
@@ -36,7 +47,7 @@ def capture_notes(scene: bpy.types.Scene) -> tuple[str, ...]:
     volumes = [
         owner.name
         for owner in (*shaded_materials(), *shaded_worlds())
-        if output_link(owner.node_tree, "Volume") is not None
+        if output_link(owner.node_tree, "Volume", target) is not None
     ]
     if volumes:
         notes.append(f"Volumes are in the direct light but do not dim the indirect: {_counted(volumes)}.")
@@ -56,6 +67,10 @@ def _refracts(tree: bpy.types.NodeTree) -> bool:
         )
         for node in nodes_with_groups(tree)
     )
+
+
+def _is_blended(material: bpy.types.Material) -> bool:
+    return material.surface_render_method == "BLENDED"
 
 
 def _is_anisotropic(tree: bpy.types.NodeTree) -> bool:

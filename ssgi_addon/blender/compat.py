@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import bpy
 
+from .restore import Restorer
+
 
 def compositor_tree(scene: bpy.types.Scene) -> bpy.types.NodeTree | None:
     """Return the compositor's node tree of `scene`, None where it has none."""
@@ -105,3 +107,45 @@ def interface_selection(
 ) -> list[tuple[bpy.types.NodeTreeInterfaceItem, bool]]:
     """Return the items of a node group's interface with whether each is selected, where they can be."""
     return [(item, item.select) for item in interface.items_tree if "select" in item.bl_rna.properties]
+
+
+def eevee_engine_id() -> str:
+    """Return what ``scene.render.engine`` calls EEVEE; before 5.0 it had another name."""
+    return "BLENDER_EEVEE" if bpy.app.version >= (5, 0, 0) else "BLENDER_EEVEE_NEXT"
+
+
+def multilayer_exr_format() -> dict[str, str]:
+    """Return the image settings of a multilayer EXR file, in the order in which to set them."""
+    kind = {"media_type": "MULTI_LAYER_IMAGE"} if bpy.app.version >= (5, 0, 0) else {}
+    return {**kind, "file_format": "OPEN_EXR_MULTILAYER", "color_depth": "32"}
+
+
+def set_equirectangular(camera: bpy.types.Camera) -> None:
+    """Make a panoramic camera show every direction; before 5.0 the setting was one of Cycles' own."""
+    owner = camera if "panorama_type" in camera.bl_rna.properties else camera.cycles
+    owner.panorama_type = "EQUIRECTANGULAR"
+
+
+def switch_nodes_on(world: bpy.types.World) -> bpy.types.NodeTree:
+    """Let nodes make the look of a world, and return them; since 5.0 every new world has some."""
+    if bpy.app.version < (5, 0, 0) or world.node_tree is None:
+        world.use_nodes = True
+    return world.node_tree
+
+
+def world_of(view_layer: bpy.types.ViewLayer) -> bpy.types.World | None:
+    """Return the world that a view layer renders; some versions let it have one of its own."""
+    return getattr(view_layer, "world_override", None) or view_layer.id_data.world
+
+
+def borrow_world(restorer: Restorer, view_layer: bpy.types.ViewLayer, world: bpy.types.World) -> None:
+    """Let a view layer render `world` until `restorer` closes."""
+    if getattr(view_layer, "world_override", None) is not None:
+        restorer.change(view_layer, world_override=world)
+    else:
+        restorer.change(view_layer.id_data, world=world)
+
+
+def writes_oblong_pixels() -> bool:
+    """Whether multilayer EXR files can hold pixels that are not square; 5.0 and 5.1 fail without a reason."""
+    return not (5, 0, 0) <= bpy.app.version < (5, 2, 0)

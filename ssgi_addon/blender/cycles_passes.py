@@ -19,6 +19,8 @@ from ..errors import SSGIError
 from ..exr import LONG_NAMES
 from .camera import camera_of_render, rendered_region
 
+CYCLES = "CYCLES"  # what `scene.render.engine` and the targets of shader outputs call it
+
 # The switch of every pass that captures ask for; the second kind belongs to Cycles' own settings.
 _VIEW_LAYER_SWITCHES = {
     "Depth": "use_pass_z",
@@ -79,7 +81,7 @@ def cycles_engine() -> type[bpy.types.RenderEngine]:
         If Cycles is not there.
     """
     for engine in bpy.types.RenderEngine.__subclasses__():
-        if getattr(engine, "bl_idname", None) == "CYCLES" and engine.is_registered:
+        if getattr(engine, "bl_idname", None) == CYCLES and engine.is_registered:
             return engine
     raise SSGIError("The Cycles render engine is not available: enable it in Preferences > Add-ons.")
 
@@ -120,7 +122,7 @@ def render_passes(
         try:
             bpy.ops.render.render(scene=scene.name)
         except RuntimeError as error:
-            raise SSGIError(f"Blender could not render scene '{scene.name}': {_first_line(error)}") from error
+            raise render_error(scene, error) from error
     rendered.seconds = time.perf_counter() - start
     if rendered.camera is None:
         raise SSGIError("The render was cancelled: nothing was written, start it again.")
@@ -182,5 +184,7 @@ def _top_first(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.ascontiguousarray(flipped)
 
 
-def _first_line(error: Exception) -> str:
-    return str(error).strip().removeprefix("Error: ").splitlines()[0]
+def render_error(scene: bpy.types.Scene, error: RuntimeError) -> SSGIError:
+    """Turn what Blender's render operator raised into one line."""
+    reason = str(error).strip().removeprefix("Error: ").splitlines()[0]
+    return SSGIError(f"Blender could not render scene '{scene.name}': {reason}")

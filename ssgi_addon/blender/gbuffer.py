@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cycles' passes to the G-buffer of the core."""
+"""Blender's passes to the G-buffer of the core."""
 
 from __future__ import annotations
 
@@ -30,14 +30,19 @@ _MOST_OTHER_LIGHT = 0.5
 
 
 def gbuffer_from_passes(
-    layers: Mapping[str, FloatArray], roughness: FloatArray, camera: Camera, *, is_denoised: bool = False
+    layers: Mapping[str, FloatArray],
+    roughness: FloatArray,
+    camera: Camera,
+    *,
+    is_denoised: bool = False,
+    emission: FloatArray | None = None,
 ) -> GBuffer:
     """Combine geometry and light that were rendered without diffuse and glossy bounces.
 
     Parameters
     ----------
     layers
-        `GEOMETRY_PASSES` and `LIGHT_PASSES` as Cycles writes them: normals in world space, light divided
+        `GEOMETRY_PASSES` and `LIGHT_PASSES` as Blender writes them: normals in world space, light divided
         by the surface's colour.
     roughness : (H, W)
         Of the glossy lobe.
@@ -46,13 +51,14 @@ def gbuffer_from_passes(
     is_denoised
         Combined is denoised, and `layers` holds `OTHER_LIGHT_PASSES` too: mirrors then show clean surfaces.
 
-    Returns
-    -------
-    GBuffer
-        What surfaces hand on holds no emission: emissive meshes are lamps in Cycles' direct passes.
+    emission : (H, W, 3)
+        What surfaces hand on besides, at the pixels' centres: emitters whose edges are smoothed look larger
+        to rays. None where emissive meshes are lamps already, as in Cycles' direct passes.
     """
     depth = layers["Depth"]
     source = layers["Diffuse Direct"] * layers["Diffuse Color"]
+    if emission is not None:
+        source = source + emission
     glossy_source = source + layers["Glossy Direct"] * layers["Glossy Color"]
     if is_denoised:
         glossy_source = _denoised_reflection(layers, glossy_source)

@@ -8,7 +8,7 @@ import bpy
 from ..errors import SSGIError
 from . import compat
 from .camera import check_camera, full_size, rendered_region
-from .cycles_passes import cycles_engine, pass_switches
+from .cycles_passes import CYCLES, cycles_engine, pass_switches
 from .restore import Restorer
 
 # Cycles hands its passes over in memory only if one tile holds the frame, and its tiles end here.
@@ -23,8 +23,9 @@ def borrow_scene(
     resolution: tuple[int, int] | None = None,
     frame: int | None = None,
     view_layer: str | None = None,
+    engine_id: str = CYCLES,
 ) -> bpy.types.ViewLayer:
-    """Set `scene` up for Cycles renders whose passes are read from memory, until `restorer` closes.
+    """Set `scene` up for renders whose passes are read, until `restorer` closes.
 
     Parameters
     ----------
@@ -38,6 +39,8 @@ def borrow_scene(
         Frame number; None means the current one.
     view_layer
         Name; None means the active one, or the first that renders.
+    engine_id
+        What ``scene.render.engine`` calls the engine that renders.
 
     Returns
     -------
@@ -47,37 +50,41 @@ def borrow_scene(
     Raises
     ------
     SSGIError
-        If Cycles, a usable camera, the view layer or a pixel to render is missing.
+        If Cycles (where it renders), a usable camera, the view layer or a pixel to render is missing.
     """
-    cycles_engine()
+    if engine_id == CYCLES:
+        cycles_engine()
     layer = _find_view_layer(scene, view_layer)
     restorer.callback(_update_render_layers_nodes, scene)
     if frame is not None:
         _go_to_frame(restorer, scene, frame)
     check_camera(scene)
-    borrow_framing(restorer, scene, resolution)
     restorer.change(
         scene.render,
-        engine="CYCLES",
+        engine=engine_id,
         use_compositing=False,
         use_sequencer=False,
         use_freestyle=False,
     )
+    borrow_framing(restorer, scene, resolution)
     for other in scene.view_layers:
         restorer.change(other, use=other == layer)
-    restorer.change(
-        scene.cycles,
-        use_adaptive_sampling=False,
-        use_layer_samples="IGNORE",
-        use_sample_subset=False,
-        time_limit=0.0,
-        use_fast_gi=False,
-    )
+    if engine_id == CYCLES:
+        restorer.change(
+            scene.cycles,
+            use_adaptive_sampling=False,
+            use_layer_samples="IGNORE",
+            use_sample_subset=False,
+            time_limit=0.0,
+            use_fast_gi=False,
+        )
     return layer
 
 
 def borrow_framing(restorer: Restorer, scene: bpy.types.Scene, resolution: tuple[int, int] | None) -> None:
-    """Let renders return the whole frame, or its cropped border, in one tile; None keeps the resolution.
+    """Let renders return the whole frame, or its cropped border; None keeps the resolution.
+
+    Cycles renders it in one tile.
 
     Raises
     ------
@@ -107,15 +114,19 @@ def borrow_framing(restorer: Restorer, scene: bpy.types.Scene, resolution: tuple
             "percentage, or widen the render border, in Output properties > Format."
         )
     _refuse_more_than_a_tile(full_size(scene))
-    restorer.change(
-        scene.cycles, tile_size=max(scene.cycles.tile_size, *full_size(scene)), use_auto_tile=False
-    )
+    if scene.render.engine == CYCLES:
+        restorer.change(
+            scene.cycles, tile_size=max(scene.cycles.tile_size, *full_size(scene)), use_auto_tile=False
+        )
 
 
 def borrow_pixel_centers(restorer: Restorer, scene: bpy.types.Scene) -> None:
     """Send every sample through the centre of its pixel, from one point and at one moment."""
-    # The narrowest filter; a box filter would ignore its width.
-    restorer.change(scene.cycles, pixel_filter_type="BLACKMAN_HARRIS", filter_width=0.01)
+    if scene.render.engine == CYCLES:
+        # The narrowest filter; a box filter would ignore its width.
+        restorer.change(scene.cycles, pixel_filter_type="BLACKMAN_HARRIS", filter_width=0.01)
+    else:
+        restorer.change(scene.render, filter_size=0.0)  # EEVEE then moves no sample at all
     restorer.change(scene.render, use_motion_blur=False)
     restorer.change(scene.camera.data.dof, use_dof=False)
 
@@ -135,13 +146,14 @@ def borrow_passes(restorer: Restorer, view_layer: bpy.types.ViewLayer, names: tu
     """Switch passes of `view_layer` on. None is switched off, so that no link of a compositor is lost."""
     of_layer, of_cycles = pass_switches(names)
     restorer.change(view_layer, **of_layer)
-    restorer.change(view_layer.cycles, **of_cycles)
+    if of_cycles:
+        restorer.change(view_layer.cycles, **of_cycles)
 
 
 def _refuse_more_than_a_tile(size: tuple[int, int]) -> None:
     if max(size) > LARGEST_TILE_PX:
         raise SSGIError(
-            f"{size[0]} x {size[1]} pixels are more than Cycles returns in memory: "
+            f"{size[0]} x {size[1]} pixels are more than a render returns in one piece: "
             f"render at most {LARGEST_TILE_PX} pixels a side."
         )
 

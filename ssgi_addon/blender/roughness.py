@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The roughness of every pixel's glossy lobe, which Blender has no pass for.
 
-Since 5.2 Cycles' denoising passes tell it without touching a material. Before, every material gets
-AOV Output nodes for the time of one render.
+Since 5.2 Cycles' denoising passes tell it without touching a material. Before, and in EEVEE, every material
+gets AOV Output nodes for the time of one render.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from . import compat
 from .restore import Restorer
 from .roughness_nodes import RoughnessNodes
-from .shader_trees import shaded_materials
+from .shader_trees import output_target, shaded_materials
 
 FloatArray = NDArray[np.float32]
 
@@ -47,7 +47,8 @@ class RoughnessSource:
 
 def borrow_roughness(restorer: Restorer, view_layer: bpy.types.ViewLayer) -> RoughnessSource:
     """Make the next renders of `view_layer` carry their roughness, until `restorer` closes."""
-    if compat.has_roughness_pass(view_layer):
+    is_cycles = output_target(view_layer.id_data) == "CYCLES"
+    if is_cycles and compat.has_roughness_pass(view_layer):
         return borrow_denoising_roughness(restorer, view_layer)
     return borrow_aov_roughness(restorer, view_layer)
 
@@ -65,7 +66,7 @@ def borrow_denoising_roughness(restorer: Restorer, view_layer: bpy.types.ViewLay
 
 
 def borrow_aov_roughness(restorer: Restorer, view_layer: bpy.types.ViewLayer) -> RoughnessSource:
-    """Write the roughness to an AOV from temporary nodes in all materials (any Blender)."""
+    """Write the roughness to an AOV from temporary nodes in all materials (any Blender, any engine)."""
     restorer.callback(setattr, view_layer, "active_aov_index", view_layer.active_aov_index)
     aov = view_layer.aovs.add()
     restorer.callback(view_layer.aovs.remove, aov)
@@ -73,8 +74,9 @@ def borrow_aov_roughness(restorer: Restorer, view_layer: bpy.types.ViewLayer) ->
     aov.type = "COLOR"
 
     nodes = RoughnessNodes(restorer)
+    target = output_target(view_layer.id_data)
     for material in shaded_materials():
-        nodes.write_aov(material.node_tree, aov.name)
+        nodes.write_aov(material.node_tree, aov.name, target)
     name = aov.name
     restorer.change(view_layer, use_pass_glossy_color=True)
     return RoughnessSource(

@@ -60,9 +60,9 @@ class RoughnessNodes:
         self._group_inputs: dict[int, dict[str, str]] = {}  # group -> shader input: its roughness input
         self._connected: set[tuple[int, str]] = set()
 
-    def write_aov(self, tree: bpy.types.NodeTree, aov_name: str) -> None:
-        """Send the roughness of the surface that Cycles renders to an AOV."""
-        output = tree.get_output_node("CYCLES")
+    def write_aov(self, tree: bpy.types.NodeTree, aov_name: str, target: str = "CYCLES") -> None:
+        """Send the roughness of the surface that an engine renders to an AOV."""
+        output = tree.get_output_node(target)
         if output is None:
             return
         value = self._entering(tree, output.inputs["Surface"])

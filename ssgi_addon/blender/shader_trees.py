@@ -29,9 +29,14 @@ def active_link(socket: bpy.types.NodeSocket) -> bpy.types.NodeLink | None:
     return next((link for link in socket.links if link.is_valid and not link.is_muted), None)
 
 
-def output_link(tree: bpy.types.NodeTree, name: str) -> bpy.types.NodeLink | None:
-    """Return what is linked to an input, ``"Surface"`` or ``"Volume"``, of the output that Cycles renders."""
-    output = tree.get_output_node("CYCLES")
+def output_target(scene: bpy.types.Scene) -> str:
+    """Return what shader outputs call the engine that renders `scene`."""
+    return "EEVEE" if scene.render.engine == compat.eevee_engine_id() else "CYCLES"
+
+
+def output_link(tree: bpy.types.NodeTree, name: str, target: str = "CYCLES") -> bpy.types.NodeLink | None:
+    """Return what is linked to an input, ``"Surface"`` or ``"Volume"``, of the output of an engine."""
+    output = tree.get_output_node(target)
     return None if output is None else active_link(output.inputs[name])
 
 

@@ -12,9 +12,9 @@ from mathutils import Matrix
 from numpy.typing import NDArray
 
 from ..core import Camera, GBuffer
-from .cycles_passes import render_passes
-from .gbuffer import GEOMETRY_PASSES, LIGHT_PASSES, OTHER_LIGHT_PASSES, gbuffer_from_passes
-from .render_settings import borrow_denoiser, borrow_framing, borrow_passes, borrow_pixel_centers
+from .engines import Engine
+from .gbuffer import GEOMETRY_PASSES, gbuffer_from_passes
+from .render_settings import borrow_framing, borrow_passes, borrow_pixel_centers
 from .restore import Restorer
 from .roughness import borrow_roughness
 from .volumes import borrow_clear_air
@@ -34,6 +34,7 @@ FACES = {
 
 
 def capture_surround(
+    engine: Engine,
     scene: bpy.types.Scene,
     view_layer: bpy.types.ViewLayer,
     world_from_view: FloatArray,
@@ -50,6 +51,9 @@ def capture_surround(
 
     Parameters
     ----------
+    engine
+        The one that `scene` is set up for: EEVEE moves no sample where it takes them at pixel centres, so one
+        render a face is enough for it, too.
     scene
         Set up by `borrow_scene`; exactly as before afterwards, also after an error. Renders with
         `use_persistent_data` make all faces but the first cost little more than their samples.
@@ -60,7 +64,7 @@ def capture_surround(
     size
         Width and height of a face, pixels.
     samples
-        Cycles' samples of each pixel, all at its centre.
+        Of each pixel, all at its centre.
     denoise
         Denoise the light where this build of Blender has a denoiser.
     progress
@@ -84,24 +88,24 @@ def capture_surround(
         camera = _borrow_camera(restorer, scene)
         restorer.change(scene.render, pixel_aspect_x=1.0, pixel_aspect_y=1.0, use_border=False)
         borrow_framing(restorer, scene, (size, size))
-        restorer.change(scene.cycles, samples=samples, diffuse_bounces=0, glossy_bounces=0)
         borrow_pixel_centers(restorer, scene)
-        # Mirrors show single pixels of the faces
-        is_denoised = borrow_denoiser(restorer, scene, view_layer, denoise)
+        # Mirrors show single pixels of the faces, hence the denoiser.
+        is_denoised = engine.borrow_light(restorer, scene, view_layer, samples=samples, denoise=denoise)
         borrow_clear_air(restorer, view_layer)
         roughness = borrow_roughness(restorer, view_layer)
-        names = {*GEOMETRY_PASSES, *LIGHT_PASSES, *OTHER_LIGHT_PASSES, *roughness.passes}
+        names = tuple({*GEOMETRY_PASSES, *engine.light_passes, *roughness.passes})
         borrow_passes(restorer, view_layer, names)
         for index, (forward, up) in enumerate(FACES.values()):
             if progress is not None:
                 progress(index / len(FACES), "Surround")
             camera.matrix_world = Matrix(world_from_view @ _turn(forward, up))
-            rendered = render_passes(scene, view_layer, names)
+            rendered = engine.render(scene, view_layer, names)
             gbuffer = gbuffer_from_passes(
                 rendered.layers,
                 roughness.read(rendered.layers),
                 rendered.camera,
                 is_denoised=is_denoised,
+                emission=None if engine.emission_in_direct else rendered.layers["Emission"],
             )
             views.append((gbuffer, rendered.camera))
     return tuple(views), time.perf_counter() - start

@@ -6,7 +6,7 @@ from __future__ import annotations
 import bpy
 
 from .restore import Restorer
-from .shader_trees import output_link, shaded_materials, shaded_worlds
+from .shader_trees import output_link, output_target, shaded_materials, shaded_worlds
 
 
 def borrow_clear_air(restorer: Restorer, view_layer: bpy.types.ViewLayer) -> None:
@@ -15,21 +15,22 @@ def borrow_clear_air(restorer: Restorer, view_layer: bpy.types.ViewLayer) -> Non
     A single sample may scatter in the air, and its pixel then has no surface.
     """
     restorer.change(view_layer, use_volumes=False)
+    target = output_target(view_layer.id_data)
     for owner in (*shaded_materials(), *shaded_worlds()):
-        volume = output_link(owner.node_tree, "Volume")
+        volume = output_link(owner.node_tree, "Volume", target)
         if volume is None:
             continue
         if isinstance(owner, bpy.types.World):
             _forget_kept_scene(view_layer.id_data)
             restorer.callback(_forget_kept_scene, view_layer.id_data)
         # What has neither surface nor volume is black and solid.
-        if isinstance(owner, bpy.types.Material) and output_link(owner.node_tree, "Surface") is None:
-            _make_transparent(restorer, owner.node_tree)
+        if isinstance(owner, bpy.types.Material) and output_link(owner.node_tree, "Surface", target) is None:
+            _make_transparent(restorer, owner.node_tree, target)
         restorer.change(volume, is_muted=True)
 
 
-def _make_transparent(restorer: Restorer, tree: bpy.types.NodeTree) -> None:
-    output = tree.get_output_node("CYCLES")
+def _make_transparent(restorer: Restorer, tree: bpy.types.NodeTree, target: str) -> None:
+    output = tree.get_output_node(target)
     transparent = tree.nodes.new("ShaderNodeBsdfTransparent")
     restorer.callback(tree.nodes.remove, transparent)
     tree.links.new(output.inputs["Surface"], transparent.outputs[0])

@@ -7,6 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from ssgi_addon.blender import compat
 from ssgi_addon.blender.build import add_box, add_camera, new_material, node_tree
 from ssgi_addon.blender.capture import CaptureOptions, capture_frame
 from ssgi_addon.blender.capture_notes import capture_notes
@@ -75,3 +76,11 @@ def test_frame_carries_the_note(scene):
     frame = capture_frame(scene, CaptureOptions(samples=1, denoise=False, resolution=(8, 8)))
     assert set(anisotropy_notes(scene)) <= set(frame.notes)
     assert anisotropy_notes(scene)
+
+
+def test_blended_materials_are_named_where_eevee_renders(scene):
+    bpy.data.materials["Metal"].surface_render_method = "BLENDED"
+    scene.render.engine = "CYCLES"
+    assert not any("lended" in note for note in capture_notes(scene))
+    scene.render.engine = compat.eevee_engine_id()
+    assert any("lended" in note and "'Metal'" in note for note in capture_notes(scene))

@@ -306,7 +306,6 @@ def test_file_that_is_no_scene_is_one_clear_line(blend, tmp_path, capfd, make):
         ("--preset ultra", 2),
         ("--frames 3-1", 2),
         ("--surround 5000", 2),
-        ("--engine eevee", 1),
         ("--reference-samples 4", 2),
     ],
 )

@@ -24,13 +24,16 @@ OPTIONS = CaptureOptions(samples=1, resolution=(16, 12), frame=3, surround=4, su
 
 @pytest.fixture(params=["aov", "native"])
 def scene(request, empty_file, monkeypatch):
-    """A file with much to lose: all kinds of materials, volumes, settings, and a compositor on its passes."""
     if request.param == "aov":
         for module in (capture, surround):
             monkeypatch.setattr(module, "borrow_roughness", roughness.borrow_aov_roughness)
     elif not compat.has_roughness_pass(empty_file.view_layers[0]):
         pytest.skip("this Blender has no roughness among its denoising passes")
-    scene = empty_file
+    return build_rich_scene(empty_file)
+
+
+def build_rich_scene(scene):
+    """A file with much to lose: all kinds of materials, volumes, settings, and a compositor on its passes."""
     for index, name in enumerate(MATERIALS):
         add_tile(scene, index, material_of(name))
     look_down(scene, 4)
