@@ -10,7 +10,7 @@ import numpy as np
 
 from . import parallel
 from .bright_sky import BrightSky, light_from_bright_sky
-from .denoise import GEOMETRIC_LEVELS, filter_pixels
+from .denoise import GEOMETRIC_LEVELS, filter_light
 from .diffuse import DiffuseSamples, sample_hemispheres
 from .environment import Environment
 from .light import fill_unknown
@@ -63,6 +63,8 @@ class DiffusePass:
         What was taken out of the environment to be sampled by rays of its own; None for nothing.
     part
         Makes a callback for a part of the pass: where it begins, its share of the whole, and a text.
+    is_reflected
+        Keep what `handed_on` returns.
     """
 
     def __init__(
@@ -72,12 +74,15 @@ class DiffusePass:
         environment: Environment | None,
         bright_sky: BrightSky | None,
         part: Part,
+        *,
+        is_reflected: bool,
     ) -> None:
         self.scene, self.settings, self.environment = scene, settings, environment
-        self.bright_sky, self.part = bright_sky, part
+        self.bright_sky, self.part, self.is_reflected = bright_sky, part, is_reflected
         self.rays: dict[str, int] = {}
-        # By view: samples, light of the bright sky per pixel, and light of all bounces but the last
+        # By view: samples, their pixels and variance, light of the bright sky and of all bounces but the last
         self.samples: dict[int, DiffuseSamples] = {}
+        self.noise: dict[int, tuple[IntArray, FloatArray]] = {}
         self.bright: dict[int, FloatArray] = {}
         self.earlier: dict[int, FloatArray] = {}
 
@@ -88,24 +93,31 @@ class DiffusePass:
         samples = self._sample(0, source, settings, pixel, self.part(0.05, 0.5, "Diffuse light"))
         self.rays["diffuse"] = samples.traced
         self._trace_bright_sky(0, pixel, settings.diffuse.sky_rays)
-        light = DiffuseLight(self._bounce(source), samples.environment, samples.visibility, samples.known)
+        parts = [self._bounce(source), samples.visibility[:, None]]
+        if self.environment is not None:
+            parts.append(samples.environment)
+        known, dark = samples.known, np.zeros_like(samples.environment)
+        self.noise = {home: (of.pixel, of.variance) for home, of in self.samples.items()}
+        # What nobody needs any more makes room for the filter
+        del source, samples
+        self.samples.clear()
         if settings.diffuse.filter:
-            light = self._smooth(light, samples)
+            parts = self._filter(0, parts, *self.noise[0])
+        radiance, visibility, environment = *parts, *([dark] if len(parts) < 3 else [])
         if self.bright_sky is not None:
-            bright = self.bright[0]
-            light = replace(light, radiance=light.radiance + bright, environment=light.environment + bright)
-        return light
+            radiance, environment = radiance + self.bright[0], environment + self.bright[0]
+        return DiffuseLight(radiance, environment, np.minimum(visibility[:, 0], 1.0), known)
 
     def handed_on(self) -> FloatArray:
         """Return the diffuse light (texels + 1, 3) of all bounces but the last, smoothed: mirrors show it."""
         table = np.zeros((self.scene.texels + 1, 3), dtype=self.scene.dtype)
         for home, light in self.earlier.items():
-            samples = self.samples[home]
+            pixel, variance = self.noise[home]
             if self.settings.diffuse.filter:
-                light = self._filter(home, light, samples.pixel, samples.variance)
+                (light,) = self._filter(home, [light], pixel, variance)
             if self.bright_sky is not None:
                 light = light + self.bright[home]
-            table[self.scene.front_texels(home)][samples.pixel] = light
+            table[self.scene.front_texels(home)][pixel] = light
         return table
 
     def _sample(
@@ -146,13 +158,15 @@ class DiffusePass:
         for bounce in range(2, bounces + 1):
             for home, samples in self.samples.items():
                 self._hand_on(home, samples, lights[home], source, handed_on)
-            self.earlier = dict(lights)
+            before = float(lights[0].sum(dtype=np.float64))
+            if self.is_reflected:
+                self.earlier = dict(lights)
             # The last bounce is only for the eye
             for home in tuple(self.samples) if bounce < bounces else (0,):
                 samples = self.samples[home]
                 lights[home] = self._filled(samples, samples.gather(handed_on, self.settings.threads))
-            added = float((lights[0] - self.earlier[0]).sum(dtype=np.float64))
-            if added <= LEAST_BOUNCE * float(lights[0].sum(dtype=np.float64)):
+            after = float(lights[0].sum(dtype=np.float64))
+            if after - before <= LEAST_BOUNCE * after:
                 break
         return lights[0]
 
@@ -192,32 +206,26 @@ class DiffusePass:
         )  # fmt: skip
         light = fill_unknown(found.radiance, found.known, rays, self.settings.unknown)
         if self.settings.diffuse.filter and rays > 1:
-            light = self._filter(home, light, pixel, found.variance, _BRIGHT_SKY_GEOMETRIC_LEVELS)
+            (light,) = self._filter(home, [light], pixel, found.variance, _BRIGHT_SKY_GEOMETRIC_LEVELS)
         self.bright[home] = light
         self.rays["bright sky"] = self.rays.get("bright sky", 0) + found.rays
-
-    def _smooth(self, light: DiffuseLight, samples: DiffuseSamples) -> DiffuseLight:
-        parts = [light.radiance, light.visibility[:, None]]
-        if self.environment is not None:
-            parts.append(light.environment)
-        smooth = self._filter(0, np.concatenate(parts, axis=1), samples.pixel, samples.variance)
-        return replace(
-            light,
-            radiance=smooth[:, :3],
-            visibility=np.minimum(smooth[:, 3], 1.0),
-            environment=light.environment if self.environment is None else smooth[:, 4:],
-        )
 
     def _filter(
         self,
         home: int,
-        signal: FloatArray,
+        parts: list[FloatArray],
         pixel: IntArray,
         variance: FloatArray,
         geometric_levels: int = GEOMETRIC_LEVELS,
-    ) -> FloatArray:
+    ) -> list[FloatArray]:
         view = self.scene.views[home]
-        return filter_pixels(
-            view.layers[0], view.camera, signal, pixel, variance, _LEVELS, self.settings.threads,
+        return filter_light(
+            view.layers[0],
+            view.camera,
+            pixel,
+            parts,
+            variance,
+            _LEVELS,
+            self.settings.threads,
             geometric_levels,
-        )  # fmt: skip
+        )

@@ -154,7 +154,7 @@ def sample_hemispheres(
         if advance is not None:
             advance((block[0] + fraction * block.size) / count)
 
-    blocks = parallel.split(np.arange(count), max(1, parallel.RAYS_AT_ONCE // rays))
+    blocks = parallel.split(np.arange(count), max(1, parallel.RAYS_AT_ONCE // 2 // rays))
     for block in blocks:
         _sample_block(scene, home, source, environment, settings, samples, block, advanced)
     return samples

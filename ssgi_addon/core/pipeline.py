@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from . import ggx, parallel, reflections
 from .bounces import DiffusePass
 from .camera import Camera
-from .denoise import filter_pixels
+from .denoise import filter_light
 from .environment import Environment
 from .gbuffer import GBuffer
 from .light import IndirectLight, fill_unknown, luminance
@@ -105,14 +105,8 @@ class _Run:
     ) -> None:
         self.gbuffer, self.camera, self.settings, self.environment = gbuffer, camera, settings, environment
         self.progress = progress
-        height, width = gbuffer.shape
-        dtype = gbuffer.depth.dtype
-        self.diffuse = np.zeros((height * width, 3), dtype=dtype)
-        self.environment_diffuse = np.zeros_like(self.diffuse)
-        self.glossy = np.zeros_like(self.diffuse)
-        self.visibility = np.ones(height * width, dtype=dtype)
-        self.known_diffuse = np.ones_like(self.visibility)
-        self.known_glossy = np.ones_like(self.visibility)
+        # Images of the result by name, each made once its light is there
+        self.images: dict[str, FloatArray] = {}
         self.plan = plan_passes(gbuffer, settings, environment)
         # What rays over the hemisphere look up where they escape
         self.dim_sky = self.plan.bright_sky.rest if self.plan.bright_sky else environment
@@ -131,50 +125,60 @@ class _Run:
         return _Timer(self.seconds, name)
 
     def trace_diffuse(self, pixels: IntArray) -> None:
-        """Fill diffuse, environment_diffuse, visibility and known_diffuse, and keep what mirrors show."""
+        """Make diffuse, environment_diffuse, visibility and known_diffuse, and keep what mirrors show."""
         # What hits hand on with their source
         self.handed_on: FloatArray | None = None
         if not pixels.size:
             return
-        work = DiffusePass(self.scene, self.settings, self.dim_sky, self.plan.bright_sky, self._advance)
+        work = DiffusePass(
+            self.scene, self.settings, self.dim_sky, self.plan.bright_sky, self._advance,
+            is_reflected=self.plan.reflections.size > 0,
+        )  # fmt: skip
         light = work.trace(pixels)
         self.rays |= work.rays
-        self.diffuse[pixels] = light.radiance
-        self.environment_diffuse[pixels] = light.environment
-        self.visibility[pixels] = light.visibility
-        self.known_diffuse[pixels] = light.known
+        self._keep("diffuse", pixels, light.radiance)
+        self._keep("environment_diffuse", pixels, light.environment)
+        self._keep("visibility", pixels, light.visibility, elsewhere=1.0)
+        self._keep("known_diffuse", pixels, light.known, elsewhere=1.0)
         if self.plan.reflections.size:
             self.handed_on = work.handed_on()
 
     def trace_reflections(self, pixels: IntArray) -> None:
-        """Fill glossy and known_glossy."""
+        """Make glossy and known_glossy."""
         if not pixels.size:
             return
+        settings = self.settings
         source = self.scene.table("reflection_source")
         if self.handed_on is not None:
             source += self.scene.table("albedo") * self.handed_on
             self.handed_on = None
         found = reflections.reflect_light(
-            self.scene, source, self.environment, self.settings, pixels,
+            self.scene, source, self.environment, settings, pixels,
             self._advance(0.65, 0.3, "Reflections"),
         )  # fmt: skip
         self.rays["reflections"] = found.rays
-        self.known_glossy[pixels] = found.known
-        self.glossy[pixels] = fill_unknown(
-            found.radiance, found.known, self.settings.reflections.rays, self.settings.unknown
-        )
-        if self.settings.reflections.filter:
+        self._keep("known_glossy", pixels, found.known, elsewhere=1.0)
+        parts = [fill_unknown(found.radiance, found.known, settings.reflections.rays, settings.unknown)]
+        if settings.reflections.filter:
             levels, variance = self._lobe_levels(pixels, found.distance), found.variance
             del source, found  # as large as all that the filter needs
-            self.glossy[pixels] = filter_pixels(
-                self.gbuffer,
-                self.camera,
-                self.glossy[pixels],
-                pixels,
-                variance,
-                levels,
-                self.settings.threads,
-            )
+            parts = filter_light(self.gbuffer, self.camera, pixels, parts, variance, levels, settings.threads)
+        self._keep("glossy", pixels, parts[0])
+
+    def _keep(self, name: str, pixels: IntArray, values: FloatArray, elsewhere: float = 0.0) -> None:
+        """Make an image of the result from values (P, ...) of some pixels."""
+        height, width = self.gbuffer.shape
+        image = np.full((height * width, *values.shape[1:]), elsewhere, dtype=np.float32)
+        image[pixels] = values
+        self.images[name] = image.reshape(height, width, *values.shape[1:])
+
+    def _image(self, name: str) -> FloatArray:
+        """Return an image of the result; black, open and known where there is no light to tell of."""
+        if name not in self.images:
+            is_light = name in ("diffuse", "environment_diffuse", "glossy")
+            nothing = np.zeros((0, 3) if is_light else 0, dtype=np.float32)
+            self._keep(name, np.empty(0, np.int64), nothing, elsewhere=0.0 if is_light else 1.0)
+        return self.images[name]
 
     def _lobe_levels(self, pixels: IntArray, distance: FloatArray) -> NDArray[np.int8]:
         """Return how many filter passes lobes take: reflections are blurred less than they are wide.
@@ -195,21 +199,16 @@ class _Run:
         return np.maximum(levels, 0).astype(np.int8)
 
     def result(self) -> IndirectLight:
-        height, width = self.gbuffer.shape
-        weight_diffuse = luminance(self.gbuffer.albedo.reshape(-1, 3))
-        weight_glossy = luminance(self.gbuffer.specular.reshape(-1, 3))
+        """Return all images."""
+        weight_diffuse, weight_glossy = luminance(self.gbuffer.albedo), luminance(self.gbuffer.specular)
         total = weight_diffuse + weight_glossy
-        known = weight_diffuse * self.known_diffuse + weight_glossy * self.known_glossy
+        known = weight_diffuse * self._image("known_diffuse") + weight_glossy * self._image("known_glossy")
         known = np.where(total > 0.0, known / np.where(total > 0.0, total, 1.0), 1.0)
-        known[self.gbuffer.is_background.reshape(-1)] = 1.0
+        known[self.gbuffer.is_background] = 1.0
+        names = ("diffuse", "glossy", "visibility", "known_diffuse", "known_glossy", "environment_diffuse")
         return IndirectLight(
-            diffuse=_image(self.diffuse, (height, width, 3)),
-            glossy=_image(self.glossy, (height, width, 3)),
-            visibility=_image(self.visibility, (height, width)),
-            known_diffuse=_image(self.known_diffuse, (height, width)),
-            known_glossy=_image(self.known_glossy, (height, width)),
-            known=_image(np.minimum(known, 1.0), (height, width)),
-            environment_diffuse=_image(self.environment_diffuse, (height, width, 3)),
+            **{name: self._image(name) for name in names},
+            known=np.minimum(known, 1.0).astype(np.float32),
             skipped=self.plan.skipped,
             seconds=dict(self.seconds),
             rays=dict(self.rays),
@@ -227,7 +226,3 @@ class _Timer:
 
     def __exit__(self, *_: object) -> None:
         self.seconds[self.name] = time.perf_counter() - self.begun
-
-
-def _image(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
-    return np.ascontiguousarray(values, dtype=np.float32).reshape(shape)

@@ -23,7 +23,11 @@ def smooth(
     variance = np.broadcast_to(np.asarray(variance, dtype=np.float32), gbuffer.shape).copy()
     levels = np.broadcast_to(np.asarray(levels, dtype=np.int64), gbuffer.shape).copy()
     before = signal.copy(), variance.copy(), levels.copy()
-    result = filter_light(gbuffer, camera, signal, variance, levels, threads)
+    pixel = np.arange(height * width)
+    (result,) = filter_light(
+        gbuffer, camera, pixel, [signal.reshape(pixel.size, -1)], variance.ravel(), levels.ravel(), threads
+    )
+    result = result.reshape(signal.shape)
     for array, copy in zip((signal, variance, levels), before, strict=True):
         np.testing.assert_array_equal(array, copy)
     assert result.shape == signal.shape
