@@ -214,3 +214,14 @@ SKY_AS_BY_HEMISPHERE = 0.05
 # Light of shadow rays of a view, and of the same view as the frame: float32 directions through another
 # rotation send single rays past another edge.
 TURNED_VIEW_RELATIVE = 1e-3
+
+# What a plastic floor hands on of its colour: float32 (measured 2.4e-7; at grazing angles half of the colour
+# is missing where gloss keeps its part).
+WHOLE_COLOR = 1e-5
+# Diffuse light of one bounce in a room of glossy walls against Cycles, at known pixels, relative (measured:
+# +0.017, where the same room of matte walls has +0.023, and -0.049 where gloss keeps its part).
+GLOSSY_ROOM_LIGHT = 0.03
+
+# Bias of 16 rays a pixel against 256 with another seed, all pixels of a room together (measured: 0.008; light
+# of one bounce more is 0.13 and more).
+BIAS_OF_FEW_RAYS = 0.02
