@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Captured frames, and what Cycles finds for their indirect light, rendered once and kept.
 
-Run ``python -m benchmarks.cycles_truth NAME WIDTHxHEIGHT [SAMPLES]`` to render one ahead; without samples
-only the frame is captured. A name is that of a real scene, or ``floor`` with a roughness: ``floor_0.4`` is
-the scene of `tests.scenes.glossy_floor`.
+Run ``python -m benchmarks.cycles_truth NAME WIDTHxHEIGHT [SAMPLES [BOUNCES]]`` to render one ahead; without
+samples only the frame is captured, without bounces they are the scene's. A name is that of a real scene, or
+``floor`` with a roughness: ``floor_0.4`` is the scene of `tests.scenes.glossy_floor`.
 """
 
 from __future__ import annotations
@@ -30,6 +30,8 @@ _BUILDER = ROOT / "tests" / "scenes" / "glossy_floor.py"
 # It has five walls, a box and a ball: the plain case, to look into by hand.
 _PLAIN = "cornell_box"
 _SURROUND_PX = 128
+# Goes up where a capture changes: frames that were kept no longer count.
+_FRAME_VERSION = 2
 _SEEDS = (1, 2)
 
 
@@ -45,7 +47,7 @@ class CyclesTruth:
         Diffuse and Glossy Indirect, each of half the samples and with a seed of its own: the halves differ by
         noise alone.
     is_floor
-        Light is reflected once, by the glossy floor; else as often as the scene says.
+        Light is reflected once, by the glossy floor; else as often as was asked for.
     """
 
     frame: CapturedFrame
@@ -81,7 +83,7 @@ def captured_frame(name: str, size: Size) -> CapturedFrame:
     return read_passes(path)
 
 
-def cycles_truth(name: str, size: Size, samples: int) -> CyclesTruth:
+def cycles_truth(name: str, size: Size, samples: int, bounces: int | None = None) -> CyclesTruth:
     """Return a frame and its truth, rendered in a process of its own where it is not kept yet.
 
     Parameters
@@ -92,20 +94,25 @@ def cycles_truth(name: str, size: Size, samples: int) -> CyclesTruth:
         Width and height, pixels.
     samples
         Of Cycles, per pixel.
+    bounces
+        Of light, of whatever kind, so that no lobe's rays are cut off before another's; None means as many of
+        each kind as the scene has.
     """
-    path = _light_path(name, size, samples)
+    path = _light_path(name, size, samples, bounces)
     if not path.is_file():
-        run_module("benchmarks.cycles_truth", name, f"{size[0]}x{size[1]}", str(samples))
+        words = [str(samples)] if bounces is None else [str(samples), str(bounces)]
+        run_module("benchmarks.cycles_truth", name, f"{size[0]}x{size[1]}", *words)
     diffuse, glossy = np.load(path)
     return CyclesTruth(captured_frame(name, size), diffuse, glossy, name.startswith(_FLOOR))
 
 
 def _frame_path(name: str, size: Size) -> Path:
-    return CACHE / f"frame_{_key(name, size)}.exr"
+    return CACHE / f"frame{_FRAME_VERSION}_{_key(name, size)}.exr"
 
 
-def _light_path(name: str, size: Size, samples: int) -> Path:
-    return CACHE / f"cycles_{_key(name, size)}_{samples}.npy"
+def _light_path(name: str, size: Size, samples: int, bounces: int | None) -> Path:
+    suffix = "" if bounces is None else f"_{bounces}"
+    return CACHE / f"cycles_{_key(name, size)}_{samples}{suffix}.npy"
 
 
 def _key(name: str, size: Size) -> str:
@@ -128,16 +135,18 @@ def _keep_frame(name: str, size: Size) -> None:
     print(write_passes(frame, path.parent, path.stem))
 
 
-def _keep_light(name: str, size: Size, samples: int) -> None:
+def _keep_light(name: str, size: Size, samples: int, bounces: int | None) -> None:
     from ssgi_addon.blender.reference import ReferenceOptions, render_reference
 
     options = ReferenceOptions(samples=samples // len(_SEEDS), denoise=False, resolution=size)
     if name.startswith(_FLOOR):
         options = replace(options, diffuse_bounces=0, glossy_bounces=1)
+    elif bounces is not None:
+        options = replace(options, diffuse_bounces=bounces, glossy_bounces=bounces, max_bounces=bounces)
     scene = _open(name)
     halves = [render_reference(scene, replace(options, seed=seed)) for seed in _SEEDS]
     light = np.stack([[half.diffuse_indirect for half in halves], [half.glossy_indirect for half in halves]])
-    path = _light_path(name, size, samples)
+    path = _light_path(name, size, samples, bounces)
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.save(file, light)
     print(path)
@@ -162,6 +171,7 @@ def main() -> None:
     parser.add_argument("name")
     parser.add_argument("size", type=parse_size)
     parser.add_argument("samples", type=int, nargs="?")
+    parser.add_argument("bounces", type=int, nargs="?")
     arguments = parser.parse_args()
     from ssgi_addon.bpy_module import require_bpy
 
@@ -169,7 +179,7 @@ def main() -> None:
     if not _frame_path(arguments.name, arguments.size).with_suffix(".json").is_file():
         _keep_frame(arguments.name, arguments.size)
     if arguments.samples:
-        _keep_light(arguments.name, arguments.size, arguments.samples)
+        _keep_light(arguments.name, arguments.size, arguments.samples, arguments.bounces)
 
 
 if __name__ == "__main__":

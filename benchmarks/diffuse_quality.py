@@ -8,10 +8,14 @@ bounces, over pixels of which at least nine tenths were answered. Run from the r
     python -m benchmarks.diffuse_quality [--scenes bathroom ...] [--size 480x270] [--rounds 3]
         [--variant rays=4,filter=false --variant method=hemisphere,rays=8 ...] [--output FILE.json]
         [--plot docs/images/diffuse_frontier.png]
-    python -m benchmarks.diffuse_quality --cycles [--samples 128] ...
+    python -m benchmarks.diffuse_quality --cycles [--samples 128] [--bounces 1] ...
 
 A variant names what differs from the default diffuse settings; their bounces are those of the reference: one,
-with ``--cycles`` four.
+with ``--cycles`` four, or as ``--bounces`` says.
+
+With the scene's own bounces Cycles counts light that surfaces on the way reflect by their gloss, which the
+pass hands on only as far as a capture puts it into the first bounce. And a pixel whose rays are known still
+lacks what is unknown at its hits. ``--bounces 1`` compares without both: light that was reflected once.
 """
 
 from __future__ import annotations
@@ -118,13 +122,13 @@ def frame_alone(name: str, size: Size, rays: int) -> Target:
     return Target(name, truth.frame, truth.halves[..., :3], truth.visibility, _has_light(truth.frame))
 
 
-def against_cycles(name: str, size: Size, samples: int) -> Target:
+def against_cycles(name: str, size: Size, samples: int, bounces: int | None) -> Target:
     """Return what Cycles finds, at pixels that frame and surround can answer.
 
     Rays of a seed of their own choose them: pixels that are chosen by the rays that light them are brighter
     than they should be.
     """
-    truth = cycles_truth(name, size, samples)
+    truth = cycles_truth(name, size, samples, bounces)
     choosing = DiffuseSettings(method="hemisphere", rays=_CHOOSING_RAYS, bounces=1, filter=False)
     known = diffuse_light(truth.frame, choosing, seed=_CHOOSING_SEED).known_diffuse
     counts = _has_light(truth.frame) & (known >= KNOWN_ENOUGH)
@@ -227,9 +231,12 @@ def _print_score(score: Score) -> None:
 
 
 def _run(arguments: argparse.Namespace, names: list[str]) -> list[Score]:
-    base = DiffuseSettings(bounces=CYCLES_BOUNCES if arguments.cycles else 1)
+    base = DiffuseSettings(bounces=(arguments.bounces or CYCLES_BOUNCES) if arguments.cycles else 1)
     variants = {text: parse_variant(text, base) for text in names}
-    of_what = f"Cycles, {arguments.samples} samples" if arguments.cycles else "the frame alone"
+    bounces = arguments.bounces or "the scene's"
+    of_what = (
+        f"Cycles, {arguments.samples} samples, {bounces} bounces" if arguments.cycles else "the frame alone"
+    )
     print(f"{arguments.size[0]} x {arguments.size[1]}, against {of_what}")
     print(
         f"{'scene':20}{'seconds':>9}{'spread':>8}{'pixels':>8}{'relMSE':>10}{'bias':>9}{'rms':>8}"
@@ -238,7 +245,7 @@ def _run(arguments: argparse.Namespace, names: list[str]) -> list[Score]:
     scores = []
     for name in arguments.scenes or (real_scenes() if arguments.cycles else SCENES):
         if arguments.cycles:
-            target = against_cycles(name, arguments.size, arguments.samples)
+            target = against_cycles(name, arguments.size, arguments.samples, arguments.bounces)
         else:
             target = frame_alone(name, arguments.size, arguments.truth_rays)
         for score in measure(target, variants, arguments.rounds):
@@ -253,6 +260,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--size", type=parse_size, default=(480, 270), metavar="WIDTHxHEIGHT")
     parser.add_argument("--scenes", nargs="+", help="real scenes")
     parser.add_argument("--samples", type=int, default=128, help="of Cycles, per pixel")
+    parser.add_argument("--bounces", type=int, help="of Cycles' light and ours; the scene's if left out")
     parser.add_argument("--truth-rays", type=int, default=hemisphere_truth.RAYS, help="of the integral")
     parser.add_argument("--variant", action="append", metavar="NAME=VALUE,...", help="settings to measure")
     parser.add_argument("--rounds", type=int, default=3, help="runs of each variant; the fastest counts")
@@ -274,7 +282,7 @@ def main() -> None:
             f"|bias| {found['median_bias']:.2%} (median; worst {found['worst_bias']:+.2%})"
         )
     if arguments.output:
-        names = ("cycles", "size", "scenes", "samples", "truth_rays", "rounds")
+        names = ("cycles", "size", "scenes", "samples", "bounces", "truth_rays", "rounds")
         parameters = {name: getattr(arguments, name) for name in names}
         results = {"overall": figures, "scores": [asdict(score) for score in scores]}
         record.store(arguments.output, {**parameters, "variants": variants}, results)

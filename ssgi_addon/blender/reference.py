@@ -46,8 +46,10 @@ class ReferenceOptions:
         Denoise the combined picture where this build of Blender has a denoiser.
     resolution, frame, view_layer
         As for a capture.
-    diffuse_bounces, glossy_bounces
-        None means as the scene has.
+    diffuse_bounces, glossy_bounces, max_bounces
+        None means as the scene has. Where a surface has both lobes, Cycles draws rays for their light from
+        both: without glossy bounces, diffuse light is missing too, and the other way round. Light of one
+        bounce is whole with 1, 1 and 1.
     seed
         Of the noise: two references with different seeds differ by their noise alone.
     """
@@ -59,6 +61,7 @@ class ReferenceOptions:
     view_layer: str | None = None
     diffuse_bounces: int | None = None
     glossy_bounces: int | None = None
+    max_bounces: int | None = None
     seed: int = 0
 
 
@@ -110,7 +113,8 @@ def render_reference(scene: bpy.types.Scene, options: ReferenceOptions, progress
     """
     if progress:
         progress(0.0, "Reference")
-    bounces = {"diffuse_bounces": options.diffuse_bounces, "glossy_bounces": options.glossy_bounces}
+    names = ("diffuse_bounces", "glossy_bounces", "max_bounces")
+    bounces = {name: getattr(options, name) for name in names}
     with Restorer() as restorer:
         view_layer = borrow_scene(
             restorer,

@@ -17,7 +17,7 @@ from benchmarks.inputs import analytic_room
 from benchmarks.variants import noise_of, parse_variant
 from ssgi_addon.core import DiffuseSettings, ReflectionSettings, Settings
 from ssgi_addon.core.metrics import relmse
-from tests.tolerances import CLOSED_FORM_RELATIVE, REPEATED_SUM
+from tests.tolerances import BIAS_OF_FEW_RAYS, CLOSED_FORM_RELATIVE, REPEATED_SUM
 
 FEW, MANY = "rays=1,filter=false", "method=hemisphere,rays=16,filter=false"
 SIZE, RAYS = (36, 24), 64
@@ -97,7 +97,7 @@ def test_cycles_judges_pixels_that_are_known_well_enough(run, monkeypatch):
     light = hemisphere_truth.diffuse_light(room, DiffuseSettings(rays=64, filter=False), seed=3)
     halves = np.stack([light.diffuse, light.diffuse])
     truth = cycles_truth.CyclesTruth(room, halves, halves, is_floor=False)
-    monkeypatch.setattr(diffuse_quality, "cycles_truth", lambda name, size, samples: truth)
+    monkeypatch.setattr(diffuse_quality, "cycles_truth", lambda name, size, samples, bounces: truth)
     monkeypatch.setattr(diffuse_quality, "KNOWN_ENOUGH", 0.5)
     stored = run("--cycles", "--variant", FEW, "--variant", MANY, "--rounds", "1")
     few, many = stored["results"]["scores"]
@@ -107,6 +107,27 @@ def test_cycles_judges_pixels_that_are_known_well_enough(run, monkeypatch):
     assert f"| room | `{MANY}` | {many['pixels']} |" in summary.diffuse_cycles(stored)
     figures = stored["results"]["overall"][MANY]
     assert figures["median_bias"] == pytest.approx(abs(many["bias"]))
+
+
+def test_bounces_are_those_of_cycles_and_ours(run, monkeypatch):
+    room = analytic_room(*SIZE)
+    asked = []
+
+    def truth(name, size, samples, bounces):
+        # Nobody knows how often: the light of that many bounces of ours
+        settings = DiffuseSettings(rays=256, filter=False, bounces=bounces or 4)
+        light = hemisphere_truth.diffuse_light(room, settings, seed=3)
+        asked.append(bounces)
+        halves = np.stack([light.diffuse, light.diffuse])
+        return cycles_truth.CyclesTruth(room, halves, halves, is_floor=False)
+
+    monkeypatch.setattr(diffuse_quality, "cycles_truth", truth)
+    monkeypatch.setattr(diffuse_quality, "KNOWN_ENOUGH", 0.5)
+    words = ("--cycles", "--variant", MANY, "--rounds", "1")
+    for more in ((), ("--bounces", "1"), ("--bounces", "2")):
+        (score,) = run(*words, *more)["results"]["scores"]
+        assert score["bias"] == pytest.approx(0.0, abs=BIAS_OF_FEW_RAYS)
+    assert asked == [None, 1, 2]
 
 
 def test_frame_that_answers_no_pixel_gives_no_score(capsys):
