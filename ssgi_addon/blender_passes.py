@@ -13,6 +13,7 @@ from .core.pose import solve_camera
 from .errors import SSGIError
 from .exr import FloatArray
 from .frame import CapturedFrame
+from .surface_light import handed_on, reflectance
 
 # Cycles writes 1e10 for sky and 1e11 outside a render border.
 FARTHEST_SURFACE = 1e9
@@ -55,29 +56,30 @@ def frame_from_blender(path: Path, layers: Passes, camera: Camera | None) -> Cap
     depth = np.where(passes["Depth"] < FARTHEST_SURFACE, passes["Depth"], np.float32(np.inf))
     if camera is None:
         camera = _solve(path, passes["Position"], depth)
-    roughness, notes = _roughness(passes)
-    diffuse = passes["Diffuse Color"] * passes["Diffuse Direct"]
-    glossy = passes["Glossy Color"] * passes["Glossy Direct"]
-    rotation = camera.world_from_view[:3, :3]
-    try:
-        gbuffer = GBuffer(
-            depth=depth,
-            normal=passes["Normal"] @ rotation,  # Blender's pass is in world space
-            albedo=passes["Diffuse Color"],
-            specular=passes["Glossy Color"],
-            roughness=roughness,
-            direct=_direct_light(passes, diffuse + glossy),
-            source=diffuse,
-            glossy_source=diffuse + glossy,
-        )
-    except ValueError as error:
-        raise SSGIError(f"{path}: {error}; write the passes with Blender's own names and channels") from error
-    if (camera.height, camera.width) != gbuffer.shape:
-        height, width = gbuffer.shape
+    if (camera.height, camera.width) != depth.shape:
+        height, width = depth.shape
         raise SSGIError(
             f"{path} has {width} x {height} pixels, its camera {camera.width} x {camera.height}: "
             "use the camera of this picture"
         )
+    roughness, notes = _roughness(passes)
+    diffuse = passes["Diffuse Color"] * passes["Diffuse Direct"]
+    glossy = passes["Glossy Color"] * passes["Glossy Direct"]
+    normal = passes["Normal"] @ camera.world_from_view[:3, :3]  # Blender's pass is in world space
+    try:
+        gbuffer = GBuffer(
+            depth=depth,
+            normal=normal,
+            albedo=passes["Diffuse Color"],
+            specular=passes["Glossy Color"],
+            roughness=roughness,
+            direct=_direct_light(passes, diffuse + glossy),
+            source=handed_on(passes, roughness),
+            glossy_source=diffuse + glossy,
+            reflectance=reflectance(passes["Diffuse Color"], passes["Glossy Color"], normal, camera),
+        )
+    except ValueError as error:
+        raise SSGIError(f"{path}: {error}; write the passes with Blender's own names and channels") from error
     return CapturedFrame(
         gbuffer=gbuffer,
         camera=camera,

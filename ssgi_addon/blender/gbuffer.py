@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..blender_passes import FARTHEST_SURFACE
 from ..core import Camera, GBuffer
+from ..surface_light import handed_on, reflectance
 
 FloatArray = NDArray[np.float32]
 
@@ -27,10 +28,6 @@ _OTHER_LIGHT = (
 OTHER_LIGHT_PASSES = tuple(dict.fromkeys(name for pair in _OTHER_LIGHT for name in pair if name))
 # Where more of a pixel than this is other light, what is left of its denoised sum is the denoiser's error.
 _MOST_OTHER_LIGHT = 0.5
-# Of a surface with less diffuse colour than this, Diffuse Direct says nothing: it is divided by the colour.
-_LEAST_DIFFUSE_COLOR = 1e-3
-# Lobes of this roughness and more light what is around them; sharper ones show their lamps to single places.
-_SPREADING_ROUGHNESS = 0.25
 
 
 def gbuffer_from_passes(
@@ -60,7 +57,8 @@ def gbuffer_from_passes(
         to rays. None where emissive meshes are lamps already, as in Cycles' direct passes.
     """
     depth = layers["Depth"]
-    source = _handed_on(layers, roughness)
+    normal = _world_to_view(layers["Normal"], camera)
+    source = handed_on(layers, roughness)
     glossy_source = layers["Diffuse Direct"] * layers["Diffuse Color"]
     glossy_source = glossy_source + layers["Glossy Direct"] * layers["Glossy Color"]
     if emission is not None:
@@ -69,31 +67,15 @@ def gbuffer_from_passes(
         glossy_source = _denoised_reflection(layers, glossy_source)
     return GBuffer(
         depth=np.where(depth < FARTHEST_SURFACE, depth, np.float32(np.inf)),
-        normal=_world_to_view(layers["Normal"], camera),
+        normal=normal,
         albedo=layers["Diffuse Color"],
         specular=layers["Glossy Color"],
         roughness=roughness,
         direct=layers["Combined"],
         source=source,
         glossy_source=glossy_source,
+        reflectance=reflectance(layers["Diffuse Color"], layers["Glossy Color"], normal, camera),
     )
-
-
-def _handed_on(layers: Mapping[str, FloatArray], roughness: FloatArray) -> FloatArray:
-    """Return the light that surfaces hand on to others, whichever way they are seen from (ADR 9).
-
-    Gloss takes its part of the light before the diffuse colour gets the rest, most of it at the camera's
-    grazing angles. It hands its part on, too: what is missing in the colour is put back. A metal has no
-    diffuse light to go by; where it is rough, what it shows to the camera stands for what it shows to others.
-    """
-    color, gloss = layers["Diffuse Color"], layers["Glossy Color"]
-    # The two together reflect no more than all light
-    is_colored = color > 0.0
-    left = np.maximum(1.0 - gloss, np.minimum(color, 1.0))
-    whole = np.divide(color, left, out=np.zeros_like(color), where=is_colored)
-    is_rough_metal = (color.max(axis=-1) < _LEAST_DIFFUSE_COLOR) & (roughness >= _SPREADING_ROUGHNESS)
-    glossy = layers["Glossy Direct"] * gloss
-    return np.where(is_rough_metal[..., None], glossy, layers["Diffuse Direct"] * whole)
 
 
 def _denoised_reflection(layers: Mapping[str, FloatArray], reflected: FloatArray) -> FloatArray:

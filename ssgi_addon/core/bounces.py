@@ -139,7 +139,7 @@ class DiffusePass:
         settings = replace(self.settings, diffuse=options)
         for home in range(1, len(self.scene.views)):
             front = self.scene.views[home].layers[0]
-            pixel = np.flatnonzero(~front.is_background & is_colored(front.albedo))
+            pixel = np.flatnonzero(~front.is_background & is_colored(front.bounce_albedo))
             if pixel.size:
                 samples = self._sample(home, source, settings, pixel)
                 self._trace_bright_sky(home, pixel, min(options.sky_rays, _MOST_VIEW_RAYS))
@@ -175,7 +175,7 @@ class DiffusePass:
     ) -> None:
         """Write what a view's pixels hand on once they have their light: source + albedo x light."""
         texels = self.scene.front_texels(home)
-        albedo = self.scene.views[home].layers[0].albedo.reshape(-1, 3)
+        albedo = self.scene.views[home].layers[0].bounce_albedo.reshape(-1, 3)
         source, handed_on = source[texels], handed_on[texels]
         bright = self.bright.get(home)
 

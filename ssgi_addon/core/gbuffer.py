@@ -46,6 +46,9 @@ class GBuffer:
         Distance from the front to the back face along the view axis; None means relative to depth.
     behind : GBuffer, optional
         The next layer behind this one, seen from the same camera.
+    reflectance : (H, W, 3) float32, optional
+        Share of the light of earlier bounces that a surface hands on; None means `albedo`. With gloss it is
+        more than the albedo, and does not depend on the camera's angle.
 
     Raises
     ------
@@ -63,6 +66,7 @@ class GBuffer:
     glossy_source: FloatArray | None = None
     thickness: FloatArray | None = None
     behind: GBuffer | None = None
+    reflectance: FloatArray | None = None
 
     def __post_init__(self) -> None:
         shape = np.shape(self.depth)
@@ -74,7 +78,7 @@ class GBuffer:
         set_field = object.__setattr__  # the dataclass is frozen
         set_field(self, "depth", depth)
         set_field(self, "normal", normal)
-        for name in ("albedo", "specular", "direct", "source", "glossy_source"):
+        for name in ("albedo", "specular", "direct", "source", "glossy_source", "reflectance"):
             value = getattr(self, name)
             if value is not None or name in ("albedo", "specular", "direct"):
                 set_field(self, name, _clean_light(_as_float32(name, value, (*shape, 3))))
@@ -106,6 +110,11 @@ class GBuffer:
     def diffuse_source(self) -> FloatArray:
         """(H, W, 3) radiance handed on to diffuse rays: `source`, or `direct` where there is none."""
         return self.direct if self.source is None else self.source
+
+    @property
+    def bounce_albedo(self) -> FloatArray:
+        """(H, W, 3) share of the light of earlier bounces that is handed on: `reflectance`, or `albedo`."""
+        return self.albedo if self.reflectance is None else self.reflectance
 
     @property
     def reflection_source(self) -> FloatArray:

@@ -150,7 +150,7 @@ class _Run:
         settings = self.settings
         source = self.scene.table("reflection_source")
         if self.handed_on is not None:
-            source += self.scene.table("albedo") * self.handed_on
+            source += self.scene.table("bounce_albedo") * self.handed_on
             self.handed_on = None
         found = reflections.reflect_light(
             self.scene, source, self.environment, settings, pixels,

@@ -36,8 +36,10 @@ def plan_passes(gbuffer: GBuffer, settings: Settings, environment: Environment |
     surfaces = int(is_surface.sum())
     skipped: list[tuple[str, str]] = []
     chosen = {}
+    # Later bounces are handed on by gloss, too
+    diffuse_color = gbuffer.albedo if settings.diffuse.bounces == 1 else gbuffer.bounce_albedo
     for name, color, is_enabled in (
-        ("diffuse", gbuffer.albedo, settings.diffuse.enabled),
+        ("diffuse", diffuse_color, settings.diffuse.enabled),
         ("reflections", gbuffer.specular, settings.reflections.enabled),
     ):
         chosen[name] = np.flatnonzero(is_surface & is_colored(color) & is_enabled)

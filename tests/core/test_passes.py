@@ -11,6 +11,7 @@ from ssgi_addon.errors import SSGIError
 from ssgi_addon.exr import write_layers
 from ssgi_addon.frame import CapturedFrame
 from ssgi_addon.passes import read_passes, remembered_settings, write_passes
+from ssgi_addon.surface_light import handed_on
 from tests.tolerances import SOLVED_POSE_PX, SOLVED_ROTATION, UNIT_NORMAL
 
 pytest.importorskip("OpenEXR")
@@ -219,7 +220,8 @@ def test_blender_passes_become_a_frame(tmp_path, rng, camera):
     np.testing.assert_allclose(gbuffer.normal[is_surface], normal_vs[is_surface], rtol=0, atol=UNIT_NORMAL)
     diffuse = layers["Diffuse Color"] * layers["Diffuse Direct"]
     glossy = layers["Glossy Color"] * layers["Glossy Direct"]
-    np.testing.assert_array_equal(gbuffer.source, diffuse)
+    np.testing.assert_array_equal(gbuffer.source, handed_on(layers, gbuffer.roughness))
+    assert (gbuffer.reflectance >= layers["Diffuse Color"]).all()
     np.testing.assert_array_equal(gbuffer.glossy_source, diffuse + glossy)
     np.testing.assert_array_equal(
         gbuffer.direct, diffuse + glossy + layers["Emission"] + layers["Environment"]
