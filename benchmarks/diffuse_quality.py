@@ -42,11 +42,12 @@ from ssgi_addon.frame import CapturedFrame
 # Interiors, a corridor and an object before a backdrop.
 SCENES = ("living_room", "bathroom", "classroom", "sponza_crytek_aisle", "spaceship")
 # Each with more and more samples: a line of the plot.
-VARIANTS = tuple(
-    f"method={method},rays={rays},filter={smooth}"
-    for method in ("hemisphere",)
-    for smooth in ("false", "true")
-    for rays in (1, 2, 4, 8, 16, 32)
+VARIANTS = (
+    *(f"method=hemisphere,filter=false,rays={rays}" for rays in (1, 4, 16, 64)),
+    *(f"method=hemisphere,rays={rays}" for rays in (1, 2, 4, 8, 16, 32)),
+    *(f"method={method},slices={slices}" for method in ("horizon", "bitmask") for slices in (1, 2, 4, 8)),
+    *(f"traced=false,rays={rays}" for rays in (2, 8, 32)),
+    "method=ssao,rays=16",
 )
 CYCLES_VARIANTS = ("method=hemisphere,rays=32,filter=false", "method=hemisphere,rays=6,filter=true")
 # Diffuse bounces of a new scene in Blender; none of the real ones has another number.
@@ -215,8 +216,9 @@ def frontier_points(scores: list[Score]) -> list[Point]:
 
 
 def _line(variant: str) -> str:
-    """Return what a variant is but for its number of rays."""
-    return ",".join(part for part in variant.split(",") if not part.startswith("rays=")) or "default"
+    """Return what a variant is but for its number of samples."""
+    kept = (part for part in variant.split(",") if not part.startswith(("rays=", "slices=")))
+    return ",".join(kept) or "default"
 
 
 def _print_score(score: Score) -> None:

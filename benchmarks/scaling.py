@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How time and memory of the reflection pass, and of its trace alone, grow with the number of pixels.
+"""How time and memory of the passes, and of a trace alone, grow with the number of pixels.
 
-One ray per pixel, no diffuse light. Each size runs in a process of its own, so that no run finds memory that
-another one has left. Run from the repository's root:
+The reflection pass with one ray per pixel and no diffuse light, its trace alone, the diffuse pass as the
+balanced preset has it with one bounce and with three, and no reflections. Each size runs in a process of its
+own, so that no run finds memory that another one has left. Run from the repository's root:
 
     python -m benchmarks.scaling [--sizes 480x270 960x540 ...] [--threads 2] [--output FILE.json]
 """
@@ -18,7 +19,7 @@ import sys
 import time
 import tracemalloc
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,7 @@ from ssgi_addon.core.depth_field import DepthField
 from ssgi_addon.frame import CapturedFrame
 
 SIZES = ((480, 270), (960, 540), (1920, 1080), (3840, 2160))
-WORK = ("trace", "pass")
+WORK = ("trace", "pass", "diffuse", "3 bounces")
 
 
 @dataclass(frozen=True)
@@ -65,11 +66,14 @@ class Sample:
 
 def prepare(work: str, frame: CapturedFrame, threads: int) -> Callable[[], object]:
     """Return what is to be measured; its inputs are made by then."""
-    settings = Settings(
-        reflections=ReflectionSettings(rays=1), diffuse=DiffuseSettings(enabled=False), threads=threads
-    )
+    settings = Settings(threads=threads)
     if work == "pass":
-        return lambda: render_indirect(frame.gbuffer, frame.camera, settings)
+        only = {"reflections": ReflectionSettings(rays=1), "diffuse": DiffuseSettings(enabled=False)}
+    else:
+        diffuse = replace(Settings.preset("balanced").diffuse, bounces=1 if work == "diffuse" else 3)
+        only = {"reflections": ReflectionSettings(enabled=False), "diffuse": diffuse}
+    if work != "trace":
+        return lambda: render_indirect(frame.gbuffer, frame.camera, replace(settings, **only))
     field = DepthField.build(frame.gbuffer, frame.camera, settings.thickness)
     rays = glossy_rays(frame.gbuffer, frame.camera)
     return lambda: tracer.trace_rays(field, rays.origin_vs, rays.direction_vs, threads=threads)
@@ -137,7 +141,7 @@ def _sample_elsewhere(work: str, size: Size, arguments: argparse.Namespace) -> S
 def _print_sample(work: str, sample: Sample) -> None:
     resident = "-" if sample.resident_bytes is None else f"{sample.resident_bytes:.0f}"
     print(
-        f"{work:6}{sample.width:6}x{sample.height:<6}{sample.seconds:9.2f}{sample.spread:8.0%}"
+        f"{work:10}{sample.width:6}x{sample.height:<6}{sample.seconds:9.2f}{sample.spread:8.0%}"
         f"{sample.seconds / sample.pixels * 1e9:10.0f}{resident:>14}{sample.allocated_bytes:14.0f}",
         flush=True,
     )
@@ -160,7 +164,7 @@ def main() -> None:
         return
     print(f"{arguments.scene}, {arguments.threads} threads, best of {arguments.rounds}; ", end="")
     print("bytes per pixel beyond the inputs")
-    print(f"{'':19}{'seconds':>9}{'spread':>8}{'ns/pixel':>10}{'resident':>14}{'allocated':>14}")
+    print(f"{'':23}{'seconds':>9}{'spread':>8}{'ns/pixel':>10}{'resident':>14}{'allocated':>14}")
     results = {}
     for work in WORK:
         samples = []
