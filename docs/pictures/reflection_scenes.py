@@ -123,6 +123,25 @@ def build_hidden() -> bpy.types.Scene:
     return scene
 
 
+def build_corner() -> bpy.types.Scene:
+    """Paint alone: blocks, a ball and rods in a corner before a red wall, for ``docs/diffuse.md``."""
+    scene = _new_scene("Corner")
+    for name, color, low, high in (
+        ("Floor", _WHITE, (-3.0, -4.0, -0.1), (3.0, 2.0, 0.0)),
+        ("Wall", _WHITE, (-3.0, 2.0, -0.1), (3.0, 2.1, 3.0)),
+        ("Red Wall", _RED, (-2.1, -4.0, -0.1), (-2.0, 2.0, 3.0)),
+        ("Green Block", _GREEN, (0.6, 0.5, 0.0), (1.4, 1.3, 0.9)),
+        ("Shelf", _YELLOW, (-1.6, 1.0, 0.7), (-0.2, 1.7, 0.8)),
+    ):
+        add_box(scene, name, _paint(name, color), low, high)
+    add_ball(scene, "Ball", _paint("Ball", _WHITE), (-0.5, -0.2, 0.4), 0.4)
+    for x in (1.7, 1.9):
+        add_rod(scene, "Rod", _paint("Rod", _BLUE), (x, 0.2, 0.0), (x, 0.2, 1.6), 0.03)
+    _light(scene, (2.6, -3.6, 3.4), (-1.0, 1.0, 0.4), 700.0)
+    add_camera(scene, (0.3, -4.2, 1.9), (0.0, 0.6, 0.6), lens=31.0)
+    return scene
+
+
 def _new_scene(name: str) -> bpy.types.Scene:
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     scene = bpy.data.scenes.new(name)

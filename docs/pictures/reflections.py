@@ -22,6 +22,7 @@ import numpy.typing as npt
 from docs.pictures.reflection_list import DIFFERENCE_GAIN, PICTURES, Crop, Panel, Picture
 from docs.pictures.reflection_scenes import (
     build_checks,
+    build_corner,
     build_hidden,
     build_night_road,
     build_room,
@@ -46,6 +47,7 @@ _BUILDERS: dict[str, Callable[[], bpy.types.Scene]] = {
     "room": build_room,
     "checks": build_checks,
     "hidden": build_hidden,
+    "corner": build_corner,
 }
 
 Image = npt.NDArray[np.float32]

@@ -115,15 +115,19 @@ def corner() -> tuple[GBuffer, Camera, np.ndarray]:
 
 
 def patch_integral(
-    gbuffer: GBuffer, camera: Camera, receivers: np.ndarray, emitters: np.ndarray
+    gbuffer: GBuffer,
+    camera: Camera,
+    receivers: np.ndarray,
+    emitters: np.ndarray,
+    radiance: np.ndarray | float = 1.0,
 ) -> np.ndarray:
-    """Return the form factor of the emitting pixels for each receiving pixel: sum of cos cos dA / pi r^2."""
+    """Return what emitting pixels bring to each receiving one: sum of radiance cos cos dA / pi r^2."""
     y, x = np.mgrid[0 : camera.height, 0 : camera.width] + 0.5
     depth = gbuffer.depth.astype(np.float64)
     position = camera.pixel_to_view(x, y, depth)
     normal = gbuffer.normal.astype(np.float64)
     # A pixel covers depth^2 / (fx fy) facing the camera, more where its surface is askew
-    area = depth**2 / (camera.fx * camera.fy) / np.abs((normal * position).sum(axis=-1) / depth)
+    area = radiance * depth**2 / (camera.fx * camera.fy) / np.abs((normal * position).sum(axis=-1) / depth)
     total = np.zeros(int(receivers.sum()))
     for p, n, a in zip(position[emitters], normal[emitters], area[emitters], strict=True):
         offset = p - position[receivers]
