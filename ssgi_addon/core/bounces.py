@@ -22,6 +22,8 @@ from .types import FloatArray, IntArray
 _LEVELS = 4
 # Not blind to luminance at first, as for other light: that blurs a sun's shadow, for 35 times the error.
 _BRIGHT_SKY_GEOMETRIC_LEVELS = 0
+# Rays per pixel from which one, and from which two more of the filter's passes look at luminance.
+_SOME_RAYS, _MANY_RAYS = 8, 16
 # Further views only light others: their noise is averaged by the rays that hit them.
 _MOST_VIEW_RAYS = 2
 # Bounces stop when one adds less than this fraction of the light so far.
@@ -46,6 +48,18 @@ class DiffuseLight:
     environment: FloatArray
     visibility: FloatArray
     known: FloatArray
+
+
+def geometric_levels(samples: DiffuseSamples) -> int:
+    """Return how many of the filter's first passes leave luminance out.
+
+    The more rays of its own a pixel has, the better their spread tells noise from an edge: at contacts, whose
+    shadows are narrow, luminance then keeps what geometry cannot see (ADR 3).
+    """
+    rays = samples.traced // max(samples.pixel.size, 1)
+    if rays != samples.count:
+        return GEOMETRIC_LEVELS  # the spread is that of neighbours
+    return GEOMETRIC_LEVELS - int(rays >= _SOME_RAYS) - int(rays >= _MANY_RAYS)
 
 
 class DiffusePass:
@@ -97,12 +111,13 @@ class DiffusePass:
         if self.environment is not None:
             parts.append(samples.environment)
         known, dark = samples.known, np.zeros_like(samples.environment)
+        blind = geometric_levels(samples)
         self.noise = {home: (of.pixel, of.variance) for home, of in self.samples.items()}
         # What nobody needs any more makes room for the filter
         del source, samples
         self.samples.clear()
         if settings.diffuse.filter:
-            parts = self._filter(0, parts, *self.noise[0])
+            parts = self._filter(0, parts, *self.noise[0], blind)
         radiance, visibility, environment = *parts, *([dark] if len(parts) < 3 else [])
         if self.bright_sky is not None:
             radiance, environment = radiance + self.bright[0], environment + self.bright[0]

@@ -97,7 +97,7 @@ class ReflectionSettings:
         max=16,
     )
     rays: int = option(
-        4,
+        1,
         "Reflection rays per pixel; mirrors always take one exact ray",
         label="Rays",
         unit="rays/pixel",
@@ -185,7 +185,7 @@ class DiffuseSettings:
         choices=("hemisphere", "horizon", "bitmask", "ssao"),
     )
     rays: int = option(
-        6,
+        2,
         "Directions over the hemisphere per pixel",
         label="Rays",
         unit="rays/pixel",
@@ -326,4 +326,4 @@ class Settings:
 
 
 # Diffuse rays, reflection rays, bounces.
-PRESETS = {"draft": (4, 1, 3), "balanced": (6, 4, 6), "final": (32, 16, 8)}
+PRESETS = {"draft": (1, 1, 3), "balanced": (2, 1, 6), "final": (32, 16, 8)}
