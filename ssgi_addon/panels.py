@@ -108,7 +108,9 @@ def _draw_options(layout, group, settings_type):
     for item in fields(settings_type):
         choices = item.metadata.get("choices") or ()
         if item.metadata and item.name != "enabled" and len(choices) != 1:
-            column.prop(group, item.name)
+            row, methods = column.row(), item.metadata["methods"]
+            row.active = methods is None or group.method in methods
+            row.prop(group, item.name)
 
 
 CLASSES = (SSGI_PT_main, SSGI_PT_diffuse, SSGI_PT_reflections, SSGI_PT_advanced, SSGI_PT_output)

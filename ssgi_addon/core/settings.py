@@ -22,8 +22,9 @@ def option(
     max: float | None = None,
     soft_max: float | None = None,
     choices: Sequence[str] | None = None,
+    methods: Sequence[str] | None = None,
 ) -> Any:
-    """Declare one setting of a settings dataclass."""
+    """Declare one setting of a settings dataclass; `methods` are those that it is for, None means all."""
     metadata = {
         "label": label,
         "help": help,
@@ -32,6 +33,7 @@ def option(
         "max": max,
         "soft_max": soft_max,
         "choices": None if choices is None else tuple(choices),
+        "methods": None if methods is None else tuple(methods),
     }
     return field(default=default, metadata=metadata)
 
@@ -88,6 +90,7 @@ class ReflectionSettings:
         min=0.0,
         max=1024.0,
         soft_max=16.0,
+        methods=("linear",),
     )
     bisections: int = option(
         5,
@@ -95,6 +98,7 @@ class ReflectionSettings:
         label="Bisections",
         min=0,
         max=16,
+        methods=("linear",),
     )
     rays: int = option(
         1,
@@ -192,12 +196,14 @@ class DiffuseSettings:
         min=1,
         max=4096,
         soft_max=128,
+        methods=("hemisphere", "ssao"),
     )
     traced: bool = option(
         True,
         "Follow the hemisphere's directions to what they meet; otherwise test one point along each, as "
         "screen-space directional occlusion was published",
         label="Traced",
+        methods=("hemisphere",),
     )
     radius: float = option(
         0.2,
@@ -207,6 +213,7 @@ class DiffuseSettings:
         min=1e-4,
         max=10.0,
         soft_max=1.0,
+        methods=("hemisphere", "ssao"),
     )
     slices: int = option(
         1,
@@ -216,6 +223,7 @@ class DiffuseSettings:
         min=1,
         max=64,
         soft_max=8,
+        methods=("horizon", "bitmask"),
     )
     steps: int = option(
         16,
@@ -225,6 +233,7 @@ class DiffuseSettings:
         min=1,
         max=256,
         soft_max=64,
+        methods=("horizon", "bitmask"),
     )
     bounces: int = option(
         6,

@@ -139,5 +139,10 @@ for name in ("main", "diffuse", "reflections", "advanced", "output"):
         panel.draw_header(self, bpy.context)
 """
     drawn = extension.run(script, tmp_path)
-    assert sorted(name for name in set(drawn) if drawn.count(name) > 1) == ["enabled", "filter", "rays"]
+    assert sorted(name for name in set(drawn) if drawn.count(name) > 1) == [
+        "enabled",
+        "filter",
+        "method",
+        "rays",
+    ]
     assert {"preset", "surround", "rays", "thickness", "output"} <= set(drawn)
