@@ -82,4 +82,7 @@ def _draw_panel(axes, points: Sequence[Point], lines: Sequence[str]) -> None:
             axes.plot(point.seconds, point.error, "o", color=color, markerfacecolor=face, markersize=5)
     axes.set_xscale("log")
     axes.set_yscale("log")
+    # Seconds span less than two decades: their own ticks would print over each other
+    axes.set_xticks([0.1, 0.2, 0.5, 1.0, 2.0, 5.0], ["0.1", "0.2", "0.5", "1", "2", "5"])
+    axes.set_xticks([], minor=True)
     axes.grid(which="both", alpha=0.2)
