@@ -33,8 +33,9 @@ _ALONE = "reuse=0,color_pyramid=false,filter=false"
 VARIANTS = (
     f"rays=16,{_ALONE}",
     f"rays=64,{_ALONE}",
-    "rays=1,reuse=4,color_pyramid=true,filter=false",
     "rays=1,reuse=16,color_pyramid=true,filter=false",
+    "rays=1,reuse=32,color_pyramid=true,filter=false",
+    "rays=1",
 )
 _CHOOSING_RAYS = 64
 _CHOOSING_SEED = 7

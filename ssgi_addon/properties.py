@@ -17,6 +17,8 @@ from .job_options import DEFAULT_PRESET, ENGINE_LABELS, ENGINES, JobOptions
 
 # A Blender property has no "none" and no infinity; 0 stands for both, and its help says so.
 OPEN_ENDED = {None: "0 uses as many as there are", math.inf: "0 is without limit"}
+# Outside the class: Python 3.11 evaluates annotations where a comprehension sees no other names.
+_ENGINE_ITEMS = [(name, ENGINE_LABELS[name], "") for name in ENGINES]
 
 
 def annotations_of(settings_type: type) -> dict[str, Any]:
@@ -155,7 +157,7 @@ class SSGI_PG_settings(_SharedSettings, _JobOptions, bpy.types.PropertyGroup):
     engine: EnumProperty(
         name="Engine",
         description="Which render engine renders the direct light",
-        items=[(name, ENGINE_LABELS[name], "") for name in ENGINES],
+        items=_ENGINE_ITEMS,
         default=ENGINES[0],
     )
 
