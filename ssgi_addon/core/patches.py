@@ -9,10 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .arcs import SECTORS, Receivers, SliceSide
+from .slabs import SELF_CONTACT_PX
 from .types import BoolArray, FloatArray
-
-# Fronts that face away so near are the surface's own roughness, as in `slabs`.
-_SELF_CONTACT_PX = 2
 
 Bytes = NDArray[np.uint8]
 
@@ -27,8 +25,8 @@ class Read:
         Its place along the line, from 0.
     right, down
         Offset of the pixel from the receiver, pixels.
-    begin, middle, end
-        The part of the line, pixels from the receiver.
+    begin, middle
+        Where its part of the line begins unless planes cross there, and its middle, pixels from the receiver.
     ux, uy
         Unit direction of the line, y down.
     """
@@ -38,14 +36,13 @@ class Read:
     down: int
     begin: float
     middle: float
-    end: float
     ux: float
     uy: float
 
     @property
     def is_near(self) -> bool:
         """True beside the receiver, where a surface's own roughness may face away."""
-        return max(abs(self.right), abs(self.down)) <= _SELF_CONTACT_PX
+        return max(abs(self.right), abs(self.down)) <= SELF_CONTACT_PX
 
 
 class Scratch:
@@ -53,8 +50,8 @@ class Scratch:
 
     Attributes
     ----------
-    planes : (4, N)
-        Of the pixels that were read last, as in `DepthField`.
+    planes : (5, N)
+        Of the pixels that were read last: `DepthField.planes` and `DepthField.reach`.
     """
 
     def __init__(self, size: int, dtype: np.dtype) -> None:
@@ -78,8 +75,9 @@ class Patches:
     ----------
     read
         Where it was read.
-    here, slope, slab : (N,)
-        q at the receiver, its growth per pixel along the line, and the extent of what lies behind the front.
+    here, slope, slab, step : (N,)
+        q at the receiver, its growth per pixel along the line, the extent of what lies behind the front, and
+        how much of that counts as front.
     faces, is_sky : (N,) bool
         Fronts that face the receiver, and background.
     is_absent, outside : (N,) bool or None

@@ -9,7 +9,7 @@ from .field_stack import FieldStack
 from .screen_rays import BLOCKED, HIT, TraceResult
 from .types import BoolArray, FloatArray, IntArray
 
-_SELF_CONTACT_PX = 2
+SELF_CONTACT_PX = 2
 
 # Rows of the state; x and y stand together, so that one call serves both. Mirrored coordinates throughout.
 START = slice(0, 2)
@@ -113,7 +113,7 @@ class SlabTest:
         if self.starts_on_surface:
             away = _cells_from_origin(state)
             reach += (away <= 1.0) * self._rise_in_own_cell(state, field)
-            stops = faces | (away > _SELF_CONTACT_PX)
+            stops = faces | (away > SELF_CONTACT_PX)
         is_hit = faces & (h_in >= -np.minimum(slab, reach))
         self._write(np.flatnonzero(stops), is_hit, ids, pixel, s_met, state)
         return stops

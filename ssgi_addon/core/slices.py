@@ -285,7 +285,7 @@ class SliceGather:
             right, down = round(middle * ux), round(middle * uy)
             window = self._window(band, right, down)
             if window is not None:
-                yield Read(step, right, down, begin, middle, begin * ratio, ux, uy), window
+                yield Read(step, right, down, begin, middle, ux, uy), window
 
     def _window(self, band: _Band, right: int, down: int) -> _Window | None:
         shift_y, phase_y = divmod(band.y + down, SIDE)
