@@ -100,10 +100,13 @@ def trace_rays(
     count, dtype = origin_vs.shape[1], origin_vs.dtype
     # Filled by the threads that own the rays, so that no thread waits for fresh memory
     result = tracer.TraceResult(
-        np.empty(count, dtype=np.int8), np.empty(count, dtype=np.int64), *np.empty((3, count), dtype=dtype)
+        np.empty(count, dtype=np.int8),
+        np.empty(count, dtype=np.int64),
+        *np.empty((3, count), dtype=dtype),
+        np.full(count, np.inf, dtype=dtype),  # where rays go out of sight it does not note
     )
     constants, limit = _constants(field), dtype.type(max_distance)
-    answers = _Answers(**vars(result))
+    answers = _Answers(**{name: getattr(result, name) for name in _Answers._fields})
     lock, steps = threading.Lock(), 0
 
     def work(ids: IntArray) -> None:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +12,9 @@ import numpy as np
 from . import tracer
 from .depth_field import DepthField
 from .types import BoolArray, FloatArray, IntArray, StatusArray
+
+# Distances that differ by less are one: each view computes them in its own space.
+_TOUCHING = 1.0 + 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,19 +46,31 @@ class Answers:
         return (self.status >= least) & (self.status <= tracer.ESCAPED)
 
 
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """How far views saw rays go: each listed ray lies in the open from `begin` to `end`."""
+
+    ray: IntArray
+    begin: FloatArray
+    end: FloatArray
+
+
 class MergedAnswers:
     """The nearest answer that several fields give to the same rays.
 
-    A ray that one field blocks at distance t takes hits of the others up to t plus the blocking surface's
-    thickness.
+    What a view saw a ray pass in the open, in front of all its surfaces, is empty, whatever another view
+    guesses to be in the way there. Beyond what any view saw, a ray that one field blocks at distance t takes
+    hits of the others up to t plus the blocking surface's thickness.
     """
 
     def __init__(self, count: int, dtype: np.dtype[Any]) -> None:
         self.texel = np.zeros(count, dtype=np.int64)
         self.nearest = np.full(count, np.inf, dtype=dtype)
-        self.limit = np.full(count, np.inf, dtype=dtype)
         self.x_px, self.y_px = np.zeros((2, count), dtype=dtype)
         self.escapes = np.zeros(count, dtype=np.bool_)
+        self.open_until = np.zeros(count, dtype=dtype)
+        self._blocks: list[tuple[IntArray, FloatArray, FloatArray]] = []
+        self._sights: list[Sight] = []
 
     def add(self, field: DepthField, offset: int, ray: IntArray, found: tracer.TraceResult) -> None:
         """Take in what one field answers to the listed rays; its pixels are texels from `offset` on."""
@@ -65,21 +81,54 @@ class MergedAnswers:
         self.texel[to] = found.pixel.take(hit) + offset
         self.x_px[to], self.y_px[to] = found.x_px.take(hit), found.y_px.take(hit)
         blocked = np.flatnonzero(found.status == tracer.BLOCKED)
-        limit = found.distance.take(blocked) + _thickness(field, found.pixel.take(blocked))
-        blocked = ray.take(blocked)
-        self.limit[blocked] = np.minimum(self.limit.take(blocked), limit)
+        begin = found.distance.take(blocked)
+        limit = begin + _thickness(field, found.pixel.take(blocked))
+        self._blocks.append((ray.take(blocked), begin, limit))
         self.escapes[ray[found.status == tracer.ESCAPED]] = True
+
+    def see(self, sight: Sight) -> None:
+        """Take in what one view saw; nothing is lost if it begins where others have not seen the ray yet."""
+        self._sights.append(sight)
+        for _ in self._sights:
+            if not any(self._extend(known) for known in self._sights):
+                return
+
+    def _extend(self, sight: Sight) -> bool:
+        """Follow rays on that come into sight before what is known of them ends; return if any goes on."""
+        known = self.open_until.take(sight.ray)
+        further = np.flatnonzero((sight.begin <= known * _TOUCHING) & (sight.end > known))
+        self.open_until[sight.ray.take(further)] = sight.end.take(further)
+        return further.size > 0
 
     def status(self) -> StatusArray:
         """Return each ray's status: something in the way is more certain than an open sky."""
-        is_hit = (self.nearest < np.inf) & (self.nearest <= self.limit)
-        cases = [is_hit, self.limit < np.inf, self.escapes]
+        limit = np.full_like(self.nearest, np.inf)
+        for ray, begin, until in self._blocks:
+            is_unseen = np.flatnonzero(begin >= self.open_until.take(ray))
+            ray = ray.take(is_unseen)
+            limit[ray] = np.minimum(limit.take(ray), until.take(is_unseen))
+        is_hit = (self.nearest < np.inf) & (self.nearest <= limit)
+        cases = [is_hit, limit < np.inf, self.escapes]
         kinds = [np.int8(tracer.HIT), np.int8(tracer.BLOCKED), np.int8(tracer.ESCAPED)]
         return np.select(cases, kinds, np.int8(tracer.UNKNOWN))
 
     def answers(self, texels: int) -> Answers:
         """Return what is known by now; `texels` is the texel of rays that hit nothing."""
         return only_hits(self.status(), self.texel, self.nearest, self.x_px, self.y_px, texels)
+
+
+def sight_through_layers(found: Sequence[tracer.TraceResult]) -> FloatArray:
+    """Return how far rays lie in the open for a view with layers, front first, all traced from one place.
+
+    Behind the back of what the front layer shows, a ray is in the open again as long as it is in front of the
+    next layer.
+    """
+    end: FloatArray | None = None
+    for layer in reversed(found):
+        in_sight = layer.hidden if end is None else np.maximum(layer.hidden, end)
+        end = np.minimum(layer.distance, in_sight)
+    assert end is not None  # every view has a layer
+    return end
 
 
 def only_hits(

@@ -15,7 +15,7 @@ BLOCKED.
 
 It misses what lies between two samples: a ray that passes through a whole slab from one sample to the next
 goes on, and so does one through a thing narrower than a step. What it finds lies behind the front by at most
-the length of the last bisected step.
+the length of the last bisected step. Where a ray goes out of sight it does not note.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class March(Walk):
         result: TraceResult,
         options: MarchOptions,
     ) -> None:
-        super().__init__(stack, queue, direction_vs, starts_on_surface, max_steps, result)
+        super().__init__(stack, queue, direction_vs, starts_on_surface, False, max_steps, result)
         self.step, self.bisections = max(options.step, _SHORTEST_STEP), options.bisections
         self.frame = np.array([[stack.width], [stack.height]], dtype=direction_vs.dtype)
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from . import parallel, tracer
-from .answers import Answers, MergedAnswers, only_hits
+from .answers import Answers, MergedAnswers, Sight, only_hits, sight_through_layers
 from .camera import Camera
 from .depth_field import MAX_LEVEL, DepthField
 from .environment import Environment
@@ -122,7 +122,8 @@ class TraceScene:
     ) -> Answers:
         """Trace rays that start on a view's surfaces: first through that view, then on through all others.
 
-        A ray continues in the other views from where it left the first one; the nearest answer wins.
+        A ray continues in the other views from where it went out of sight of the first one: at the frame's
+        border, behind a surface, or where something may be in its way. The nearest answer wins.
 
         Parameters
         ----------
@@ -136,43 +137,27 @@ class TraceScene:
             Nothing in that view is in the way of the rays: look at the others alone.
         """
         view, count = self.views[home], origin_vs.shape[1]
-        if is_clear:
-            return self._answer_beyond(home, origin_vs, direction_vs, threads)
-        if len(self.views) == len(view.fields) == 1:
+        if len(self.views) == len(view.fields) == 1 and not is_clear:
             found = self._trace(view.fields[0], origin_vs, direction_vs, threads, advance)
             return only_hits(found.status, found.pixel, found.distance, found.x_px, found.y_px, self.texels)
-        merged = MergedAnswers(count, origin_vs.dtype)
-        everywhere = np.arange(count)
-        left = np.empty(0, dtype=origin_vs.dtype)
-        for layer, (field, offset) in enumerate(zip(view.fields, view.offsets, strict=True)):
-            found = self._trace(field, origin_vs, direction_vs, threads, advance)
-            merged.add(field, offset, everywhere, found)
-            left = found.distance if layer == 0 else left
-        return self._finish(home, origin_vs, direction_vs, left, merged, threads)
-
-    def _answer_beyond(
-        self, home: int, origin_vs: FloatArray, direction_vs: FloatArray, threads: int | None
-    ) -> Answers:
-        """Answer rays that nothing in their own view stops."""
-        field = self.views[home].fields[0]
-        found = tracer.pass_through(field, origin_vs, direction_vs, self.max_distance)
-        merged = MergedAnswers(origin_vs.shape[1], origin_vs.dtype)
-        merged.escapes[found.status == tracer.ESCAPED] = True
-        return self._finish(home, origin_vs, direction_vs, found.distance, merged, threads)
-
-    def _finish(
-        self,
-        home: int,
-        origin_vs: FloatArray,
-        direction_vs: FloatArray,
-        left: FloatArray,
-        merged: MergedAnswers,
-        threads: int | None,
-    ) -> Answers:
-        """Let unanswered rays go on from where they left their own view, and return all answers."""
-        onward = np.flatnonzero((merged.status() == tracer.UNKNOWN) & np.isfinite(left))
+        merged, everywhere = MergedAnswers(count, origin_vs.dtype), np.arange(count)
+        if is_clear:
+            found = tracer.pass_through(view.fields[0], origin_vs, direction_vs, self.max_distance)
+            merged.escapes[found.status == tracer.ESCAPED] = True
+            merged.see(Sight(everywhere, np.zeros_like(found.distance), found.distance))
+        else:
+            layers = []
+            for field, offset in zip(view.fields, view.offsets, strict=True):
+                found = self._trace(field, origin_vs, direction_vs, threads, advance)
+                merged.add(field, offset, everywhere, found)
+                layers.append(found)
+            end = sight_through_layers(layers)
+            merged.see(Sight(everywhere, np.zeros_like(end), end))
+            del layers, found
+        # What its own view saw all the way to an answer needs no other view
+        onward = np.flatnonzero((merged.open_until < merged.nearest) & np.isfinite(merged.open_until))
         if len(self.views) > 1 and onward.size:
-            self._continue_elsewhere(home, origin_vs, direction_vs, left, onward, merged, threads)
+            self._continue_elsewhere(home, origin_vs, direction_vs, onward, merged, threads)
         return merged.answers(self.texels)
 
     def _trace(
@@ -185,7 +170,7 @@ class TraceScene:
     ) -> tracer.TraceResult:
         return tracer.trace_rays(
             field, origin_vs, direction_vs, max_distance=self.max_distance, max_steps=self.max_steps,
-            march=self.march, threads=threads, advance=advance,
+            notes_hidden=len(self.views) > 1, march=self.march, threads=threads, advance=advance,
         )  # fmt: skip
 
     def _continue_elsewhere(
@@ -193,14 +178,14 @@ class TraceScene:
         home: int,
         origin: FloatArray,
         direction: FloatArray,
-        left: FloatArray,
         onward: IntArray,
         merged: MergedAnswers,
         threads: int | None,
     ) -> None:
-        """Trace the `onward` rays through all other views from the distance at which they left their own."""
+        """Trace the `onward` rays through all other views from where they went out of their own one's sight."""
         origin, direction = origin.take(onward, axis=1), direction.take(onward, axis=1)
-        begin = left.take(onward)
+        begin = merged.open_until.take(onward)
+        seen: dict[int, list[tuple[_Visit, tracer.TraceResult]]] = {}
         for stack, members in self.stacks:
             visits = [
                 _visit(self, home, view, layer, index, origin, direction, begin)
@@ -224,10 +209,17 @@ class TraceScene:
                     found.distance[part] + visit.begin,
                     found.x_px[part],
                     found.y_px[part],
+                    found.hidden[part] + visit.begin,
                 )
                 view, layer = members[visit.index]
                 offset = self.views[view].offsets[layer]
                 merged.add(stack.fields[visit.index], offset, onward.take(visit.ray), result)
+                seen.setdefault(view, []).append((visit, result))
+        # Layers of one view have the same rays come into sight at the same places
+        for layers in seen.values():
+            first = layers[0][0]
+            end = sight_through_layers([result for _, result in layers])
+            merged.see(Sight(onward.take(first.ray), first.enters, end))
 
     def _stacks(self) -> list[tuple[FieldStack, list[tuple[int, int]]]]:
         """Group all fields by size and projection; each comes with its (view, layer)."""
@@ -249,11 +241,15 @@ class TraceScene:
 
 @dataclass(frozen=True, eq=False)
 class _Visit:
-    """Rays that enter a field of another view: which, from where on, and how they look there."""
+    """Rays that enter a field of another view: which, from where on, and how they look there.
+
+    They are followed from `begin` on, and come over the view's frame at `enters`.
+    """
 
     index: int  # of the field in its stack
     ray: IntArray
     begin: FloatArray
+    enters: FloatArray
     rays: tracer.ScreenRays
     direction: FloatArray
 
@@ -279,7 +275,9 @@ def _visit(
     moved = moved.take(reaching, axis=1) + turned * begin
     rays = tracer.project_rays(view.fields[layer], moved, turned, scene.max_distance - begin, index)
     seen = np.flatnonzero(rays.s_begin < np.inf)
-    return _Visit(index, reaching.take(seen), begin.take(seen), rays.only(seen), turned.take(seen, axis=1))
+    rays, begin = rays.only(seen), begin.take(seen)
+    enters = begin + rays.entry_distance(view.camera.is_orthographic)
+    return _Visit(index, reaching.take(seen), begin, enters, rays, turned.take(seen, axis=1))
 
 
 def _in_front_of_camera(

@@ -30,6 +30,9 @@ class TraceResult:
         to where it left the frame or reached its largest distance; +inf for rays that vanish.
     x_px, y_px : (N,) float32
         Where in the image the ray met that pixel, in pixels from the left and the top; 0 where there is none.
+    hidden : (N,) float32
+        Distance from which on the ray was out of sight: where it came into the first cell that it passed
+        wholly behind. +inf for rays that stayed in sight, and where nobody asked.
     """
 
     status: StatusArray
@@ -37,6 +40,7 @@ class TraceResult:
     distance: FloatArray
     x_px: FloatArray
     y_px: FloatArray
+    hidden: FloatArray
 
     @classmethod
     def empty(cls, count: int, dtype: np.dtype) -> TraceResult:
@@ -47,6 +51,7 @@ class TraceResult:
             np.full(count, np.inf, dtype=dtype),
             np.zeros(count, dtype=dtype),
             np.zeros(count, dtype=dtype),
+            np.full(count, np.inf, dtype=dtype),
         )
 
 
@@ -65,6 +70,13 @@ class ScreenRays:
     s_vanish: FloatArray
     s_limit: FloatArray
     field: IntArray
+
+    def entry_distance(self, is_orthographic: bool) -> FloatArray:
+        """Return the distance at which each ray comes over the frame, in units of its direction's length."""
+        if is_orthographic:
+            return self.s_begin
+        distance: FloatArray = self.s_begin / (self.start[2] + self.velocity[2] * self.s_begin)
+        return distance
 
     def run(self, where: slice) -> ScreenRays:
         """Return consecutive rays."""

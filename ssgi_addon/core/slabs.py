@@ -19,12 +19,13 @@ VQ = 5
 SIGN = slice(6, 8)  # -1 where the axis is mirrored
 CELL = slice(8, 10)  # column and row at the current level
 S = 10  # on entry into the cell
-MEETING = slice(0, 11)  # all that the look into a slab needs
-INVERSE = slice(11, 13)  # 1 / speed
-SIZE = 13  # of the cell, pixels
-S_END = 14
-S_VANISH = 15
-ROWS = 16
+IN_SIGHT = 11  # 1 until the ray passes behind something, then 0
+MEETING = slice(0, 12)  # all that the look into a slab needs
+INVERSE = slice(12, 14)  # 1 / speed
+SIZE = 14  # of the cell, pixels
+S_END = 15
+S_VANISH = 16
+ROWS = 17
 
 
 class SlabTest:
@@ -38,15 +39,22 @@ class SlabTest:
         View-space directions of all rays.
     starts_on_surface
         The rays leave the surface in their first cell.
+    notes_hidden
+        Note where rays go out of sight.
     result
         Receives hits and blocks.
     """
 
     def __init__(
-        self, stack: FieldStack, direction_vs: FloatArray, starts_on_surface: bool, result: TraceResult
+        self,
+        stack: FieldStack,
+        direction_vs: FloatArray,
+        starts_on_surface: bool,
+        notes_hidden: bool,
+        result: TraceResult,
     ) -> None:
         self.stack, self.direction_vs, self.result = stack, direction_vs, result
-        self.starts_on_surface = starts_on_surface
+        self.starts_on_surface, self.notes_hidden = starts_on_surface, notes_hidden
         self.last = np.array([[stack.padded_width], [stack.padded_height]], dtype=direction_vs.dtype) - 1.0
 
     def meet(self, state: FloatArray, ids: IntArray, field: IntArray, s_out: FloatArray) -> IntArray:
@@ -55,7 +63,7 @@ class SlabTest:
         Parameters
         ----------
         state : (rows of MEETING, N)
-            Of the rays.
+            Of the rays; those that go out of sight here lose their mark.
         ids, field, s_out : (N,)
             Numbers of the rays, the fields that they walk, and where they leave their cells.
         """
@@ -63,13 +71,22 @@ class SlabTest:
         pixel, h0, dh, slab = self.heights(state, field)
         h_in, h_out = h0 + dh * s_in, h0 + dh * s_out
         # Neither in front all the way nor behind all the way: through the front, inside, or through the back
-        met = np.flatnonzero((np.minimum(h_in, h_out) <= 0.0) & (np.maximum(h_in, h_out) >= -slab))
+        reaches_slab = np.maximum(h_in, h_out) >= -slab
+        if self.notes_hidden:
+            self._note_hidden(np.flatnonzero((state[IN_SIGHT] > 0.0) & ~reaches_slab), state, ids)
+        met = np.flatnonzero((np.minimum(h_in, h_out) <= 0.0) & reaches_slab)
         if met.size == 0:
             return met
         state, h_in, s_in = state.take(met, axis=1), h_in.take(met), s_in.take(met)
         s_met = np.where(h_in > 0.0, s_in - h_in / dh.take(met), s_in)
         ids, field, pixel = ids.take(met), field.take(met), pixel.take(met)
         return met[self.judge(state, ids, field, pixel, h_in, slab.take(met), s_met)]
+
+    def _note_hidden(self, passes: IntArray, state: FloatArray, ids: IntArray) -> None:
+        """Note where rays go out of sight that pass their cells behind the slab."""
+        state[IN_SIGHT, passes] = 0.0
+        last = state.take(passes, axis=1)
+        self.result.hidden[ids.take(passes)] = self.distance(last, last[S])
 
     def heights(
         self, state: FloatArray, field: IntArray

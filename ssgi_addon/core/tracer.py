@@ -62,6 +62,7 @@ def trace_rays(
     max_distance: float = np.inf,
     max_steps: int | None = None,
     starts_on_surface: bool = True,
+    notes_hidden: bool = False,
     march: MarchOptions | None = None,
     threads: int | None = 1,
     advance: parallel.Advance | None = None,
@@ -81,6 +82,8 @@ def trace_rays(
     starts_on_surface
         The rays leave surfaces of this field: the cell under an origin is not tested, and what faces away
         beside it is self-contact. False for rays that come from elsewhere.
+    notes_hidden
+        Note where rays go out of sight, which costs some more steps of each that does. A march never does.
     march
         Sample the depth buffer at even steps and ignore the pyramid; one sample is one step of `max_steps`.
         None looks into all that the ray crosses.
@@ -99,7 +102,9 @@ def trace_rays(
         return project_rays(field, origin_vs[:, where], direction_vs[:, where], max_distance)
 
     stack = FieldStack([field])
-    return _walk(stack, rays_of, direction_vs, starts_on_surface, max_steps, march, threads, advance)
+    return _walk(
+        stack, rays_of, direction_vs, starts_on_surface, notes_hidden, max_steps, march, threads, advance
+    )
 
 
 def trace_visitors(
@@ -127,9 +132,9 @@ def trace_visitors(
     Returns
     -------
     TraceResult
-        ``pixel`` counts through all fields of the stack.
+        ``pixel`` counts through all fields of the stack; ``hidden`` is noted.
     """
-    return _walk(stack, rays.run, direction_vs, False, max_steps, march, threads)
+    return _walk(stack, rays.run, direction_vs, False, True, max_steps, march, threads)
 
 
 def _walk(
@@ -137,6 +142,7 @@ def _walk(
     rays_of: Callable[[slice], ScreenRays],
     direction_vs: FloatArray,
     starts_on_surface: bool,
+    notes_hidden: bool,
     max_steps: int | None,
     march: MarchOptions | None,
     threads: int | None,
@@ -149,9 +155,10 @@ def _walk(
     queue = RayQueue(count, rays_of, walks)
 
     def work(_: object) -> None:
-        arguments = (stack, queue, direction_vs, starts_on_surface, max_steps, result)
-        walk = Walk(*arguments) if march is None else March(*arguments, march)
-        walk.run()
+        if march is None:
+            Walk(stack, queue, direction_vs, starts_on_surface, notes_hidden, max_steps, result).run()
+        else:
+            March(stack, queue, direction_vs, starts_on_surface, max_steps, result, march).run()
 
     def report(_: float) -> None:
         if advance is not None:

@@ -11,7 +11,22 @@ from . import slabs
 from .field_stack import FieldStack
 from .ray_queue import RayGroup, RayQueue
 from .screen_rays import ESCAPED, ScreenRays, TraceResult
-from .slabs import CELL, INVERSE, MEETING, Q0, ROWS, S_END, S_VANISH, SIGN, SIZE, SPEED, START, VQ, S
+from .slabs import (
+    CELL,
+    IN_SIGHT,
+    INVERSE,
+    MEETING,
+    Q0,
+    ROWS,
+    S_END,
+    S_VANISH,
+    SIGN,
+    SIZE,
+    SPEED,
+    START,
+    VQ,
+    S,
+)
 from .types import BoolArray, FloatArray, IntArray
 
 # Rays that walk at once in one thread: fewer waste time on calls, more fall out of the cache.
@@ -45,6 +60,8 @@ class Walk:
         View-space directions of all rays of the queue.
     starts_on_surface
         The rays leave the surface in their first cell.
+    notes_hidden
+        Look into the first slab that each ray passes behind, and note where.
     max_steps
         A ray that is not done after so many steps stays UNKNOWN; None lets every ray walk to its end.
     result
@@ -57,12 +74,14 @@ class Walk:
         queue: RayQueue,
         direction_vs: FloatArray,
         starts_on_surface: bool,
+        notes_hidden: bool,
         max_steps: int | None,
         result: TraceResult,
     ) -> None:
         self.stack, self.queue, self.result = stack, queue, result
-        self.slabs = slabs.SlabTest(stack, direction_vs, starts_on_surface, result)
-        self.starts_on_surface, self.max_steps = starts_on_surface, max_steps
+        self.slabs = slabs.SlabTest(stack, direction_vs, starts_on_surface, notes_hidden, result)
+        self.starts_on_surface, self.notes_hidden = starts_on_surface, notes_hidden
+        self.max_steps = max_steps
         dtype = direction_vs.dtype
         self.padded = np.array([[stack.padded_width], [stack.padded_height]], dtype=dtype)
         # One slot per level for each of the four ways to mirror, for each field
@@ -165,6 +184,7 @@ class Walk:
         # Rays from outside begin in a border cell
         cell[:] = np.clip(np.floor(start + speed * s), 0.0, self.padded - 1.0)
         state[SIZE] = 1.0
+        state[IN_SIGHT] = 1.0
         is_visible = s < state[S_END]
         if self.starts_on_surface:
             leaves = s == 0.0
@@ -202,6 +222,8 @@ class Walk:
         if leaf.size:
             inside = state[MEETING].take(leaf, axis=1)
             stopped = self.slabs.meet(inside, group.id.take(leaf), group.field.take(leaf), s_out.take(leaf))
+            if self.notes_hidden:
+                state[IN_SIGHT, leaf] = inside[IN_SIGHT]
             self._retire(leaf.take(stopped), s_out)
         # Leave the cell where nothing was met, else descend
         is_descending = np.greater(touches, is_leaf, out=touches)
@@ -220,7 +242,10 @@ class Walk:
         np.maximum(state[S], s_out, out=state[S])
 
     def _test_bounds(self, s_out: FloatArray, touches: BoolArray, flag: BoolArray) -> None:
-        """Set `touches` where the ray passes its cell neither wholly in front of it nor wholly behind."""
+        """Set `touches` where the ray passes its cell neither wholly in front of it nor wholly behind.
+
+        Where rays are watched, those in sight touch what they pass behind, too.
+        """
         stack, state, count = self.stack, self.group.state, self.group.size
         numbers, bound = self.numbers[:count], self.bound[:count]
         q_in, q_out, term = self.scratch[5:8, :count]
@@ -242,6 +267,8 @@ class Walk:
         np.less_equal(term, bound[:, 0], out=touches)
         np.maximum(q_in, q_out, out=term)
         np.greater_equal(term, bound[:, 1], out=flag)
+        if self.notes_hidden:
+            np.logical_or(flag, state[IN_SIGHT], out=flag)
         np.logical_and(touches, flag, out=touches)
 
     def _move(self, is_descending: BoolArray, moves: BoolArray, border: FloatArray) -> None:

@@ -29,7 +29,7 @@ def assert_agrees(frame, origin, direction, max_distance=np.inf, starts_on_surfa
     found, _ = compiled_tracer.trace_rays(
         field, origin, direction, max_distance=max_distance, starts_on_surface=starts_on_surface
     )
-    status, pixel, distance = zip(
+    status, pixel, distance, _ = zip(
         *(trace_ray(field, o, d, max_distance, starts_on_surface) for o, d in zip(origin.T, direction.T))
     )
     np.testing.assert_array_equal(found.status, status)

@@ -89,10 +89,10 @@ def some_rays(frame, count: int, axis: int | None = None) -> tuple[np.ndarray, n
 def assert_walks_agree(frame, origin, direction, max_distance=np.inf, starts_on_surface=True) -> None:
     """The hierarchical, the linear and the scalar walk find the same in float64."""
     gbuffer, camera, thickness, _ = frame
-    options = {"max_distance": max_distance, "starts_on_surface": starts_on_surface}
+    options = {"max_distance": max_distance, "starts_on_surface": starts_on_surface, "notes_hidden": True}
     field = as_float64(DepthField.build(gbuffer, camera, thickness))
     flat = as_float64(DepthField.build(gbuffer, camera, thickness, max_level=0))
-    status, pixel, distance = zip(
+    status, pixel, distance, hidden = zip(
         *(trace_ray(field, o, d, max_distance, starts_on_surface) for o, d in zip(origin.T, direction.T))
     )
     for found in (tracer.trace_rays(field, origin, direction, **options),
@@ -101,6 +101,7 @@ def assert_walks_agree(frame, origin, direction, max_distance=np.inf, starts_on_
         np.testing.assert_array_equal(found.pixel, pixel)
         if not (camera.is_orthographic and np.isinf(distance).any()):
             np.testing.assert_allclose(found.distance, distance, rtol=FLOAT64_DISTANCE)
+        np.testing.assert_allclose(found.hidden, hidden, rtol=FLOAT64_DISTANCE)
 
 
 @given(frames(), st.sampled_from([np.inf, 3.0]))

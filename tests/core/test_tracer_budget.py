@@ -216,7 +216,7 @@ def test_pyramid_of_nearest_depths_alone_finds_the_same(frame, axis, reach):
     found = tracer.trace_rays(nearest, origin, direction, max_distance=reach)
     assert_same(found, tracer.trace_rays(both, origin, direction, max_distance=reach))
     expected = [trace_ray(nearest, o, d, reach) for o, d in zip(origin.T, direction.T)]
-    assert [(status, pixel) for status, pixel, _ in expected] == list(zip(found.status, found.pixel))
+    assert [(status, pixel) for status, pixel, _, _ in expected] == list(zip(found.status, found.pixel))
 
 
 @given(frames(), st.sampled_from([np.inf, 3.0]))

@@ -63,7 +63,7 @@ def gather(
                 sine * (math.cos(angle) * across + math.sin(angle) * along)
                 + math.sqrt(1.0 - sine * sine) * normal
             )
-            status, hit, _ = trace_ray(field, origin, direction)
+            status, hit, _, _ = trace_ray(field, origin, direction)
             visible += status in (tracer.ESCAPED, tracer.UNKNOWN)
             known += status in (tracer.ESCAPED, tracer.HIT)
             if status == tracer.HIT:

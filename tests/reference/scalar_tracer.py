@@ -14,9 +14,9 @@ from ssgi_addon.core.depth_field import DepthField
 
 
 def trace_ray(field: DepthField, origin, direction, max_distance=math.inf, starts_on_surface=True):
-    """Return (status, flat pixel or -1, distance) of one view-space ray.
+    """Return (status, flat pixel or -1, distance, hidden) of one view-space ray.
 
-    A ray that starts on a surface has its origin over the frame; others may come in from outside.
+    `hidden` is the distance at which it enters the first cell that it passes behind, +inf for none. A ray that starts on a surface has its origin over the frame; others may come in from outside.
     """
     camera = field.camera
     width, height = camera.width, camera.height
@@ -40,11 +40,12 @@ def trace_ray(field: DepthField, origin, direction, max_distance=math.inf, start
     s = max(_entry(x0, vx, width), _entry(y0, vy, height))
     s_stop = min(s_vanish, s_limit)
     if s >= s_stop or not _is_over(x0 + vx * s, width) or not _is_over(y0 + vy * s, height):
-        return tracer.UNKNOWN, -1, math.inf
+        return tracer.UNKNOWN, -1, math.inf, math.inf
     ix, iy = math.floor(x0 + vx * s), math.floor(y0 + vy * s)
     if s > 0.0:  # over the border just now
         ix, iy = min(max(ix, 0), width - 1), min(max(iy, 0), height - 1)
     home = (ix, iy) if starts_on_surface else None
+    hidden = math.inf
 
     def distance_at(s):
         return s if camera.is_orthographic else s / (q0 + vq * s)
@@ -56,26 +57,28 @@ def trace_ray(field: DepthField, origin, direction, max_distance=math.inf, start
         s_y = (next_y - y0) / vy if vy else math.inf
         s_out = min(s_x, s_y, s_stop)
         if math.isinf(s_out):  # straight at the camera
-            return tracer.UNKNOWN, -1, s_out if camera.is_orthographic else 1.0 / vq
+            return tracer.UNKNOWN, -1, s_out if camera.is_orthographic else 1.0 / vq, hidden
         if (ix, iy) != home:
             answer = _meet(field, ix, iy, (x0, y0, q0), (vx, vy, vq), (dx, dy, dz), s, s_out, home)
             if answer is not None:
                 status, s_hit = answer
-                return status, iy * width + ix, distance_at(s_hit)
+                return status, iy * width + ix, distance_at(s_hit), hidden
+            if hidden == math.inf and _passes_behind(field, ix, iy, (x0, y0, q0), (vx, vy, vq), s, s_out):
+                hidden = distance_at(s)
         if s_out >= s_stop == s_vanish:
             column = min(max(_cell_of(x0 + vx * s_out, vx), 0), width - 1)
             row = min(max(_cell_of(y0 + vy * s_out, vy), 0), height - 1)
             escaped = bool(field.is_background[row * width + column])
-            return (tracer.ESCAPED if escaped else tracer.UNKNOWN), -1, math.inf
+            return (tracer.ESCAPED if escaped else tracer.UNKNOWN), -1, math.inf, hidden
         if s_out >= s_stop:
-            return tracer.UNKNOWN, -1, distance_at(s_out)
+            return tracer.UNKNOWN, -1, distance_at(s_out), hidden
         s = s_out
         if s_x <= s_out:
             ix += 1 if vx > 0 else -1
         if s_y <= s_out:
             iy += 1 if vy > 0 else -1
         if not (0 <= ix < width and 0 <= iy < height):
-            return tracer.UNKNOWN, -1, distance_at(s_out)
+            return tracer.UNKNOWN, -1, distance_at(s_out), hidden
 
 
 def _entry(position, speed, size):
@@ -101,14 +104,8 @@ def _meet(field, ix, iy, start, velocity, direction, s_in, s_out, home):
     pixel = iy * field.camera.width + ix
     if field.is_background[pixel]:
         return None
-    gx, gy = float(field.gradient_x[pixel]), float(field.gradient_y[pixel])
-
-    def height_at(s):
-        front = float(field.front[pixel])
-        front += gx * (start[0] + velocity[0] * s - ix - 0.5) + gy * (start[1] + velocity[1] * s - iy - 0.5)
-        return start[2] + velocity[2] * s - front
-
-    h_in, h_out, slab = height_at(s_in), height_at(s_out), float(field.slab[pixel])
+    h_in, h_out = (_height(field, ix, iy, start, velocity, s) for s in (s_in, s_out))
+    slab = float(field.slab[pixel])
     faces = sum(float(n) * d for n, d in zip(field.normal[pixel], direction, strict=True)) < 0.0
     away = math.inf if home is None else max(abs(ix - home[0]), abs(iy - home[1]))
     is_own = not faces and away <= 2
@@ -126,3 +123,21 @@ def _meet(field, ix, iy, start, velocity, direction, s_in, s_out, home):
     else:
         return None
     return None if is_own else answer
+
+
+def _passes_behind(field, ix, iy, start, velocity, s_in, s_out):
+    """Return whether the ray is behind the slab of a cell from entry to exit."""
+    pixel = iy * field.camera.width + ix
+    if field.is_background[pixel]:
+        return False
+    heights = (_height(field, ix, iy, start, velocity, s) for s in (s_in, s_out))
+    return max(heights) < -float(field.slab[pixel])
+
+
+def _height(field, ix, iy, start, velocity, s):
+    """Return how far in front of a cell's plane the ray is at s, in q."""
+    pixel = iy * field.camera.width + ix
+    gx, gy = float(field.gradient_x[pixel]), float(field.gradient_y[pixel])
+    front = float(field.front[pixel])
+    front += gx * (start[0] + velocity[0] * s - ix - 0.5) + gy * (start[1] + velocity[1] * s - iy - 0.5)
+    return start[2] + velocity[2] * s - front
