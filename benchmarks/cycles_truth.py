@@ -76,7 +76,7 @@ def captured_frame(name: str, size: Size) -> CapturedFrame:
     size
         Width and height, pixels.
     """
-    path = _frame_path(name, size)
+    path = frame_path(name, size)
     # Written last
     if not path.with_suffix(".json").is_file():
         run_module("benchmarks.cycles_truth", name, f"{size[0]}x{size[1]}")
@@ -106,7 +106,8 @@ def cycles_truth(name: str, size: Size, samples: int, bounces: int | None = None
     return CyclesTruth(captured_frame(name, size), diffuse, glossy, name.startswith(_FLOOR))
 
 
-def _frame_path(name: str, size: Size) -> Path:
+def frame_path(name: str, size: Size) -> Path:
+    """Return where a captured frame is kept; another one has another name."""
     return CACHE / f"frame{_FRAME_VERSION}_{_key(name, size)}.exr"
 
 
@@ -130,8 +131,8 @@ def _keep_frame(name: str, size: Size) -> None:
         # Its lamp is a point and its light paths start at pixel centres: one sample is free of noise
         options = replace(options, samples=1, denoise=False, surround_samples=1)
     # The compositor's layers are half of the file, and nothing here reads them
-    frame = replace(capture_frame(_open(name), options), layers={})
-    path = _frame_path(name, size)
+    frame = replace(capture_frame(open_scene(name), options), layers={})
+    path = frame_path(name, size)
     print(write_passes(frame, path.parent, path.stem))
 
 
@@ -143,7 +144,7 @@ def _keep_light(name: str, size: Size, samples: int, bounces: int | None) -> Non
         options = replace(options, diffuse_bounces=0, glossy_bounces=1)
     elif bounces is not None:
         options = replace(options, diffuse_bounces=bounces, glossy_bounces=bounces, max_bounces=bounces)
-    scene = _open(name)
+    scene = open_scene(name)
     halves = [render_reference(scene, replace(options, seed=seed)) for seed in _SEEDS]
     light = np.stack([[half.diffuse_indirect for half in halves], [half.glossy_indirect for half in halves]])
     path = _light_path(name, size, samples, bounces)
@@ -152,7 +153,8 @@ def _keep_light(name: str, size: Size, samples: int, bounces: int | None) -> Non
     print(path)
 
 
-def _open(name: str) -> bpy.types.Scene:
+def open_scene(name: str) -> bpy.types.Scene:
+    """Open a scene in this process's Blender."""
     import bpy
 
     from ssgi_addon.blender import job
@@ -176,7 +178,7 @@ def main() -> None:
     from ssgi_addon.bpy_module import require_bpy
 
     require_bpy()
-    if not _frame_path(arguments.name, arguments.size).with_suffix(".json").is_file():
+    if not frame_path(arguments.name, arguments.size).with_suffix(".json").is_file():
         _keep_frame(arguments.name, arguments.size)
     if arguments.samples:
         _keep_light(arguments.name, arguments.size, arguments.samples, arguments.bounces)

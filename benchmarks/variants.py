@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ssgi_addon.core.metrics import bias, relmse
+from ssgi_addon.core.metrics import bias, relative_squared_error, relmse, trimmed_mean
 from ssgi_addon.core.types import BoolArray, FloatArray
 
 SettingsT = TypeVar("SettingsT")
@@ -71,6 +71,28 @@ def noise_of(halves: FloatArray, mask: BoolArray) -> float:
     half of their difference, whose mean square is the variance of the mean.
     """
     return relmse(halves[0], halves.mean(axis=0), mask=mask)
+
+
+def relmse_without_noise(image: FloatArray, halves: FloatArray, mask: BoolArray) -> float:
+    """Return the relMSE of an image as a reference without noise would give it, over the pixels of the mask.
+
+    The halves' noise is independent, so that of ``(v - h1) * (v - h2)`` has the mean 0. Its scale is that of
+    `metrics.relative_squared_error`, and as there the worst pixels are left out. Below 0 where nothing but
+    noise is left.
+
+    Parameters
+    ----------
+    image : (H, W, 3)
+        Scene-linear light.
+    halves : (2, H, W, 3)
+        The reference, in halves that differ by noise alone.
+    mask : (H, W) bool
+        The pixels to count; the mean of the reference still runs over all.
+    """
+    mean = halves.mean(axis=0)
+    # (v - h1)(v - h2) = (v - r)^2 - (h1 - r)^2, with r the mean of both
+    errors = relative_squared_error(image, mean) - relative_squared_error(halves[0], mean)
+    return trimmed_mean(errors.mean(axis=-1)[mask])
 
 
 def geometric_mean(values: Sequence[float]) -> float:

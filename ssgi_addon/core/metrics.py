@@ -82,9 +82,19 @@ def relmse(
     ValueError
         If shapes differ, `trim` is out of range, or a picture holds something non-finite.
     """
+    return trimmed_mean(_selected(_per_pixel(relative_squared_error(image, reference)), mask), trim)
+
+
+def trimmed_mean(errors: FloatArray, trim: float = TRIM) -> float:
+    """Mean of (N,) errors without the largest ones, as `relmse` leaves them out; NaN of none.
+
+    Raises
+    ------
+    ValueError
+        If `trim` is out of range.
+    """
     if not 0.0 <= trim < 1.0:
         raise ValueError(f"trim: expected a share from 0 up to, not including, 1, got {trim!r}")
-    errors = _selected(_per_pixel(relative_squared_error(image, reference)), mask)
     kept = errors.size - math.floor(trim * errors.size)
     return _mean(np.partition(errors, kept - 1)[:kept]) if errors.size else math.nan
 

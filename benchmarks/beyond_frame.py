@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What views beyond the frame bring: rays that they answer, how many rightly, and the error of the light.
+
+Rays of the ``final`` preset against what they truly hit (`ray_truth`), and the preset's light against that of
+Cycles. Run from the repository's root:
+
+    python -m benchmarks.beyond_frame [--scenes bathroom ...] [--configurations frame surround]
+        [--size 480x270] [--rays 4000] [--no-light] [--samples 128] [--output FILE.json]
+    python -m benchmarks.beyond_frame --scenes cornell_box --bounces 1 --samples 512
+
+The light's errors are relative to those of no indirect light at all and free of the noise of Cycles' light.
+The picture is direct light with diffuse and glossy indirect light, the reference the same direct light with
+Cycles' indirect light.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks import record
+from benchmarks.cycles_truth import CyclesTruth, captured_frame, cycles_truth, real_scenes
+from benchmarks.inputs import parse_size
+from benchmarks.ray_truth import RAYS, RayTruth, ray_truth
+from benchmarks.ray_verdicts import Judgement, RayScore, WrongHits
+from benchmarks.variants import geometric_mean, relative_bias, relmse_without_noise
+from ssgi_addon.core import GBuffer, Settings, composite, render_indirect
+from ssgi_addon.core.planner import is_colored
+from ssgi_addon.core.scene import TraceScene, View
+from ssgi_addon.frame import CapturedFrame
+
+Configuration = Callable[[CapturedFrame], tuple[GBuffer, Sequence[View]]]
+
+
+@dataclass(frozen=True)
+class LightScore:
+    """Errors of the light of one configuration, relative to no indirect light at all.
+
+    Attributes
+    ----------
+    diffuse, picture
+        relMSE of the diffuse light, over surfaces with a diffuse colour, and of the picture.
+    diffuse_alone, picture_alone
+        relMSE of no indirect light, which they are divided by.
+    bias
+        Of the diffuse light, relative to the mean of the truth.
+    seconds
+        Of all passes.
+    """
+
+    diffuse: float
+    picture: float
+    diffuse_alone: float
+    picture_alone: float
+    bias: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Score:
+    """What one configuration gave on one scene; `light` is None where it was not asked for."""
+
+    scene: str
+    configuration: str
+    rays: RayScore
+    wrong: WrongHits
+    light: LightScore | None
+
+
+def frame_alone(frame: CapturedFrame) -> tuple[GBuffer, Sequence[View]]:
+    """Return the frame's front layer, of guessed thickness."""
+    return _front(frame.gbuffer), ()
+
+
+def surround(frame: CapturedFrame) -> tuple[GBuffer, Sequence[View]]:
+    """Return the frame and the views from the camera's place, front layers alone."""
+    return _front(frame.gbuffer), [(_front(gbuffer), camera) for gbuffer, camera in frame.views]
+
+
+# What each has of what was captured; one more row is one more configuration.
+CONFIGURATIONS: dict[str, Configuration] = {"frame": frame_alone, "surround": surround}
+
+
+def _front(gbuffer: GBuffer) -> GBuffer:
+    return replace(gbuffer, thickness=None, behind=None)
+
+
+def score_rays(
+    frame: CapturedFrame, configuration: Configuration, truth: RayTruth
+) -> tuple[RayScore, WrongHits]:
+    """Return what a configuration answers to the rays, and where its wrong hits come from."""
+    gbuffer, views = configuration(frame)
+    judgement = Judgement(TraceScene(gbuffer, frame.camera, views, Settings.preset("final")), truth)
+    return judgement.score(), judgement.wrong_hits()
+
+
+def score_light(truth: CyclesTruth, configuration: Configuration, bounces: int | None) -> LightScore:
+    """Return the errors of the light of the ``final`` preset.
+
+    Parameters
+    ----------
+    truth
+        Frame and light.
+    configuration
+        Of the frame.
+    bounces
+        Of our diffuse light; None means the preset's.
+    """
+    frame, settings = truth.frame, Settings.preset("final")
+    if bounces is not None:
+        settings = replace(settings, diffuse=replace(settings.diffuse, bounces=bounces))
+    gbuffer, views = configuration(frame)
+    start = time.perf_counter()
+    light = render_indirect(gbuffer, frame.camera, settings, frame.environment, views)
+    seconds = time.perf_counter() - start
+    none = np.zeros_like(light.diffuse)
+    counts, everywhere = is_colored(gbuffer.albedo) & ~gbuffer.is_background, np.ones(gbuffer.shape, bool)
+    pictures = np.stack(
+        [
+            composite(gbuffer, replace(light, diffuse=diffuse, glossy=glossy))
+            for diffuse, glossy in zip(truth.diffuse_halves, truth.glossy_halves)
+        ]
+    )
+    diffuse_alone = relmse_without_noise(none, truth.diffuse_halves, counts)
+    picture_alone = relmse_without_noise(gbuffer.direct, pictures, everywhere)
+    return LightScore(
+        diffuse=relmse_without_noise(light.diffuse, truth.diffuse_halves, counts) / diffuse_alone,
+        picture=relmse_without_noise(composite(gbuffer, light), pictures, everywhere) / picture_alone,
+        diffuse_alone=diffuse_alone,
+        picture_alone=picture_alone,
+        bias=relative_bias(light.diffuse, truth.diffuse_halves.mean(axis=0), counts),
+        seconds=seconds,
+    )
+
+
+def overall(scores: Sequence[Score]) -> dict[str, dict[str, float | None]]:
+    """Return each configuration's figures over all scenes.
+
+    Medians of the shares of rays, geometric means of the light's relative errors.
+    """
+    found: dict[str, dict[str, float | None]] = {}
+    for name in dict.fromkeys(score.configuration for score in scores):
+        own = [score for score in scores if score.configuration == name]
+        found[name] = {}
+        rays = [{**asdict(score.rays), **asdict(score.wrong)} for score in own]
+        for key in rays[0]:
+            shares = [row[key] for row in rays if row[key] is not None]
+            found[name][key] = float(np.median(shares)) if shares else None
+        lights = [score.light for score in own if score.light is not None]
+        if lights:
+            for key in ("diffuse", "picture"):
+                found[name][key] = geometric_mean([getattr(light, key) for light in lights])
+    return found
+
+
+def _print_rays(scores: Sequence[Score], figures: Mapping[str, Mapping[str, float | None]]) -> None:
+    names = [item.name for kind in (RayScore, WrongHits) for item in fields(kind) if item.name != "rays"]
+    rows = [(one.scene, one.configuration, {**asdict(one.rays), **asdict(one.wrong)}) for one in scores]
+    rows += [("median", name, dict(row)) for name, row in figures.items()]
+    # Two lines of heads: the names are longer than the numbers
+    heads = [name.rpartition("_") for name in names]
+    print("\nshares of rays, %; from 'hits right' on of the hits (of the escapes: 'escapes right')")
+    for place in (0, 2):
+        print(f"{'':36}{''.join(f'{head[place]:>9}' for head in heads)}")
+    for scene, configuration, row in rows:
+        shares = ("" if row[name] is None else f"{100.0 * row[name]:.1f}" for name in names)
+        print(f"{scene:20}{configuration:16}{''.join(f'{share:>9}' for share in shares)}")
+
+
+def _print_light(scores: Sequence[Score], figures: Mapping[str, Mapping[str, float | None]]) -> None:
+    print("\nrelMSE of the light, relative to that of no indirect light (which 'alone' tells)")
+    print(f"{'':36}{'diffuse':>9}{'picture':>9}{'bias':>9}{'alone':>18}{'seconds':>9}")
+    for one in scores:
+        if one.light is not None:
+            light = one.light
+            print(
+                f"{one.scene:20}{one.configuration:16}{light.diffuse:9.4f}{light.picture:9.4f}{light.bias:+9.1%}"
+                f"{light.diffuse_alone:9.4f}{light.picture_alone:9.4f}{light.seconds:9.1f}"
+            )
+    for name, row in figures.items():
+        print(f"{'geometric mean':20}{name:16}{row['diffuse']:9.4f}{row['picture']:9.4f}")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--scenes", nargs="+", default=real_scenes(), help="real scenes")
+    parser.add_argument("--configurations", nargs="+", choices=CONFIGURATIONS, default=list(CONFIGURATIONS))
+    parser.add_argument("--size", type=parse_size, default=(480, 270), metavar="WIDTHxHEIGHT")
+    parser.add_argument("--rays", type=int, default=RAYS, help="per scene, of those with a known truth")
+    parser.add_argument(
+        "--no-light", dest="light", action="store_false", help="leave out the light, which is slow"
+    )
+    parser.add_argument("--samples", type=int, default=128, help="of Cycles, per pixel")
+    parser.add_argument("--bounces", type=int, help="of Cycles' light and ours; the scene's if left out")
+    parser.add_argument("--output", type=Path, metavar="FILE.json", help="store the results there")
+    return parser
+
+
+def main() -> None:
+    """Measure, print, and store where asked."""
+    arguments = _parser().parse_args()
+    scores = []
+    for name in arguments.scenes:
+        frame, truth = captured_frame(name, arguments.size), ray_truth(name, arguments.size, arguments.rays)
+        agrees = f"depth agrees at {truth.depth_agrees.mean():.2%} of the pixels"
+        print(f"{name}: {agrees}, truth is certain for {truth.counts.mean():.2%} of the rays", flush=True)
+        target = None
+        if arguments.light:
+            target = cycles_truth(name, arguments.size, arguments.samples, arguments.bounces)
+        for text in arguments.configurations:
+            rays, wrong = score_rays(frame, CONFIGURATIONS[text], truth)
+            light = target and score_light(target, CONFIGURATIONS[text], arguments.bounces)
+            scores.append(Score(name, text, rays, wrong, light))
+    figures = overall(scores)
+    _print_rays(scores, figures)
+    if arguments.light:
+        _print_light(scores, figures)
+    if arguments.output:
+        names = ("scenes", "configurations", "size", "rays", "light", "samples", "bounces")
+        parameters = {name: getattr(arguments, name) for name in names}
+        results = {"overall": figures, "scores": [asdict(score) for score in scores]}
+        record.store(arguments.output, parameters, results)
+
+
+if __name__ == "__main__":
+    main()
