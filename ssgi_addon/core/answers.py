@@ -100,6 +100,11 @@ class MergedAnswers:
         self.open_until[sight.ray.take(further)] = sight.end.take(further)
         return further.size > 0
 
+    def is_uncertain(self) -> BoolArray:
+        """Return (N,) which rays no view saw all the way to what they hit, or to the sky."""
+        is_open: BoolArray = (self.open_until >= self.nearest) | np.isinf(self.open_until)
+        return ~is_open
+
     def status(self) -> StatusArray:
         """Return each ray's status: something in the way is more certain than an open sky."""
         limit = np.full_like(self.nearest, np.inf)

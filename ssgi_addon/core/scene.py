@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,27 +14,12 @@ from .answers import Answers, MergedAnswers, Sight, only_hits, sight_through_lay
 from .camera import Camera
 from .depth_field import MAX_LEVEL, DepthField
 from .environment import Environment
-from .field_stack import FieldStack
 from .gbuffer import GBuffer
+from .places import OnwardRays, Place, PlacedView, TraceLimits, move_between, places_of
 from .settings import Settings
 from .types import FloatArray, IntArray
 
 View = tuple[GBuffer, Camera]
-
-
-@dataclass(frozen=True, eq=False)
-class _PlacedView:
-    """A camera's layers, front first, and where their pixels stand among all texels."""
-
-    camera: Camera
-    layers: list[GBuffer]
-    fields: list[DepthField]
-    offsets: list[int]
-
-    @property
-    def nearest_depth(self) -> float:
-        """Nothing of a perspective view lies nearer."""
-        return 1.0 / max(1e-30, *(float(field.front.max()) for field in self.fields))
 
 
 class TraceScene:
@@ -61,15 +46,14 @@ class TraceScene:
         *,
         method: str = "hierarchical",
     ) -> None:
-        self.max_distance, self.max_steps = settings.max_distance, settings.max_steps
-        rays = settings.reflections
-        self.march: tracer.MarchOptions | None = None
+        rays, march = settings.reflections, None
         if method == "linear" and rays.march_step > 0.0:
-            self.march = tracer.MarchOptions(rays.march_step, rays.bisections)
-        self.views: list[_PlacedView] = []
+            march = tracer.MarchOptions(rays.march_step, rays.bisections)
+        self.limits = TraceLimits(settings.max_distance, settings.max_steps, march)
+        self.views: list[PlacedView] = []
         self.texels = 0
         for front, view_camera in [(gbuffer, camera), *views]:
-            placed = _PlacedView(view_camera, [], [], [])
+            placed = PlacedView(view_camera, [], [], [])
             layer: GBuffer | None = front
             while layer is not None:
                 placed.layers.append(layer)
@@ -86,7 +70,7 @@ class TraceScene:
                 self.texels += layer.depth.size
                 layer = layer.behind
             self.views.append(placed)
-        self.stacks = self._stacks()
+        self.places = places_of(self.views)
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -107,8 +91,8 @@ class TraceScene:
         """Return the frame's environment for directions in another view's space."""
         if environment is None or home == 0:
             return environment
-        rotation = environment.world_from_view @ self._moves(home, 0)[:3, :3]
-        return replace(environment, world_from_view=rotation)
+        turn = move_between(self.views[home].camera, self.views[0].camera)[:3, :3]
+        return replace(environment, world_from_view=environment.world_from_view @ turn)
 
     def answer(
         self,
@@ -142,22 +126,34 @@ class TraceScene:
             return only_hits(found.status, found.pixel, found.distance, found.x_px, found.y_px, self.texels)
         merged, everywhere = MergedAnswers(count, origin_vs.dtype), np.arange(count)
         if is_clear:
-            found = tracer.pass_through(view.fields[0], origin_vs, direction_vs, self.max_distance)
+            found = tracer.pass_through(view.fields[0], origin_vs, direction_vs, self.limits.max_distance)
             merged.escapes[found.status == tracer.ESCAPED] = True
-            merged.see(Sight(everywhere, np.zeros_like(found.distance), found.distance))
+            left, end = found.distance, found.distance
         else:
             layers = []
             for field, offset in zip(view.fields, view.offsets, strict=True):
-                found = self._trace(field, origin_vs, direction_vs, threads, advance)
-                merged.add(field, offset, everywhere, found)
-                layers.append(found)
-            end = sight_through_layers(layers)
-            merged.see(Sight(everywhere, np.zeros_like(end), end))
-            del layers, found
-        # What its own view saw all the way to an answer needs no other view
-        onward = np.flatnonzero((merged.open_until < merged.nearest) & np.isfinite(merged.open_until))
-        if len(self.views) > 1 and onward.size:
-            self._continue_elsewhere(home, origin_vs, direction_vs, onward, merged, threads)
+                layers.append(self._trace(field, origin_vs, direction_vs, threads, advance))
+                merged.add(field, offset, everywhere, layers[-1])
+            left, end = layers[0].distance, sight_through_layers(layers)
+        merged.see(Sight(everywhere, np.zeros_like(end), end))
+
+        def follow(place: Place, onward: IntArray, begin: FloatArray) -> None:
+            rays = OnwardRays(
+                onward,
+                origin_vs.take(onward, axis=1),
+                direction_vs.take(onward, axis=1),
+                begin.take(onward),
+                view.camera,
+            )
+            place.follow(rays, home, merged, self.limits, threads)
+
+        for place in sorted(self.places, key=lambda place: home not in place.members):
+            if home in place.members:
+                # From there everything hides what it hid before: only what leaves the frame goes on
+                follow(place, np.flatnonzero((merged.status() == tracer.UNKNOWN) & np.isfinite(left)), left)
+            else:
+                # What was in sight all the way to an answer needs no other view
+                follow(place, np.flatnonzero(merged.is_uncertain()), merged.open_until)
         return merged.answers(self.texels)
 
     def _trace(
@@ -169,126 +165,7 @@ class TraceScene:
         advance: parallel.Advance | None,
     ) -> tracer.TraceResult:
         return tracer.trace_rays(
-            field, origin_vs, direction_vs, max_distance=self.max_distance, max_steps=self.max_steps,
-            notes_hidden=len(self.views) > 1, march=self.march, threads=threads, advance=advance,
+            field, origin_vs, direction_vs, max_distance=self.limits.max_distance,
+            max_steps=self.limits.max_steps, notes_hidden=len(self.places) > 1,
+            march=self.limits.march, threads=threads, advance=advance,
         )  # fmt: skip
-
-    def _continue_elsewhere(
-        self,
-        home: int,
-        origin: FloatArray,
-        direction: FloatArray,
-        onward: IntArray,
-        merged: MergedAnswers,
-        threads: int | None,
-    ) -> None:
-        """Trace the `onward` rays through all other views from where they went out of their own one's sight."""
-        origin, direction = origin.take(onward, axis=1), direction.take(onward, axis=1)
-        begin = merged.open_until.take(onward)
-        seen: dict[int, list[tuple[_Visit, tracer.TraceResult]]] = {}
-        for stack, members in self.stacks:
-            visits = [
-                _visit(self, home, view, layer, index, origin, direction, begin)
-                for index, (view, layer) in enumerate(members)
-                if view != home
-            ]
-            if not visits:
-                continue
-            rays = tracer.ScreenRays.joined([visit.rays for visit in visits])
-            turned = np.concatenate([visit.direction for visit in visits], axis=1)
-            found = tracer.trace_visitors(
-                stack, rays, turned, max_steps=self.max_steps, march=self.march, threads=threads
-            )
-            end = 0
-            for visit in visits:
-                part = slice(end, end + visit.ray.shape[0])
-                end = part.stop
-                result = tracer.TraceResult(
-                    found.status[part],
-                    found.pixel[part] - visit.index * stack.pixels_per_field,
-                    found.distance[part] + visit.begin,
-                    found.x_px[part],
-                    found.y_px[part],
-                    found.hidden[part] + visit.begin,
-                )
-                view, layer = members[visit.index]
-                offset = self.views[view].offsets[layer]
-                merged.add(stack.fields[visit.index], offset, onward.take(visit.ray), result)
-                seen.setdefault(view, []).append((visit, result))
-        # Layers of one view have the same rays come into sight at the same places
-        for layers in seen.values():
-            first = layers[0][0]
-            end = sight_through_layers([result for _, result in layers])
-            merged.see(Sight(onward.take(first.ray), first.enters, end))
-
-    def _stacks(self) -> list[tuple[FieldStack, list[tuple[int, int]]]]:
-        """Group all fields by size and projection; each comes with its (view, layer)."""
-        groups: dict[tuple[int, int, bool], list[tuple[int, int]]] = {}
-        for index, view in enumerate(self.views):
-            kind = (view.camera.width, view.camera.height, view.camera.is_orthographic)
-            groups.setdefault(kind, []).extend((index, layer) for layer in range(len(view.fields)))
-        return [
-            (FieldStack([self.views[view].fields[layer] for view, layer in members]), members)
-            for members in groups.values()
-        ]
-
-    def _moves(self, home: int, other: int) -> FloatArray:
-        """Return the (4, 4) transform from one view's space to another's."""
-        return (
-            np.linalg.inv(self.views[other].camera.world_from_view) @ self.views[home].camera.world_from_view
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class _Visit:
-    """Rays that enter a field of another view: which, from where on, and how they look there.
-
-    They are followed from `begin` on, and come over the view's frame at `enters`.
-    """
-
-    index: int  # of the field in its stack
-    ray: IntArray
-    begin: FloatArray
-    enters: FloatArray
-    rays: tracer.ScreenRays
-    direction: FloatArray
-
-
-def _visit(
-    scene: TraceScene,
-    home: int,
-    other: int,
-    layer: int,
-    index: int,
-    origin: FloatArray,
-    direction: FloatArray,
-    begin: FloatArray,
-) -> _Visit:
-    """Express rays of view `home` in another view's space, those that come into its sight after `begin`."""
-    view = scene.views[other]
-    rows = [[float(value) for value in row] for row in scene._moves(home, other)[:3]]
-    moved = np.stack([r[0] * origin[0] + r[1] * origin[1] + r[2] * origin[2] + r[3] for r in rows])
-    turned = np.stack([r[0] * direction[0] + r[1] * direction[1] + r[2] * direction[2] for r in rows])
-    begin = _in_front_of_camera(view, moved, turned, begin)
-    reaching = np.flatnonzero(begin < scene.max_distance)
-    begin, turned = begin.take(reaching), turned.take(reaching, axis=1)
-    moved = moved.take(reaching, axis=1) + turned * begin
-    rays = tracer.project_rays(view.fields[layer], moved, turned, scene.max_distance - begin, index)
-    seen = np.flatnonzero(rays.s_begin < np.inf)
-    rays, begin = rays.only(seen), begin.take(seen)
-    enters = begin + rays.entry_distance(view.camera.is_orthographic)
-    return _Visit(index, reaching.take(seen), begin, enters, rays, turned.take(seen, axis=1))
-
-
-def _in_front_of_camera(
-    view: _PlacedView, origin: FloatArray, direction: FloatArray, begin: FloatArray
-) -> FloatArray:
-    """Return from which distance rays lie in front of a view's camera: at least `begin`, +inf for never."""
-    if view.camera.is_orthographic:
-        return begin
-    near = 0.5 * view.nearest_depth
-    depth, approach = -origin[2], -direction[2]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        enters = np.where(approach > 0.0, (near - depth) / approach, np.inf)
-    starts_in_front = depth + begin * approach >= near
-    return np.where(starts_in_front, begin, np.where(enters > begin, enters, np.inf)).astype(begin.dtype)

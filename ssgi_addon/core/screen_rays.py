@@ -75,7 +75,8 @@ class ScreenRays:
         """Return the distance at which each ray comes over the frame, in units of its direction's length."""
         if is_orthographic:
             return self.s_begin
-        distance: FloatArray = self.s_begin / (self.start[2] + self.velocity[2] * self.s_begin)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance: FloatArray = self.s_begin / (self.start[2] + self.velocity[2] * self.s_begin)
         return distance
 
     def run(self, where: slice) -> ScreenRays:

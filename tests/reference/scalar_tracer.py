@@ -16,7 +16,8 @@ from ssgi_addon.core.depth_field import DepthField
 def trace_ray(field: DepthField, origin, direction, max_distance=math.inf, starts_on_surface=True):
     """Return (status, flat pixel or -1, distance, hidden) of one view-space ray.
 
-    `hidden` is the distance at which it enters the first cell that it passes behind, +inf for none. A ray that starts on a surface has its origin over the frame; others may come in from outside.
+    `hidden` is the distance at which it enters the first cell that it passes behind, +inf for none. A ray
+    that starts on a surface has its origin over the frame; others may come in from outside.
     """
     camera = field.camera
     width, height = camera.width, camera.height
