@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The places that views look from, and rays that come into their sight from elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from . import tracer
+from .answers import MergedAnswers, Sight, sight_through_layers
+from .camera import Camera
+from .depth_field import DepthField
+from .field_stack import FieldStack
+from .gbuffer import GBuffer
+from .types import FloatArray, IntArray
+
+# Cameras nearer to each other than this share of their nearest surface's depth stand at one place.
+_SAME_PLACE = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedView:
+    """A camera's layers, front first, and where their pixels stand among all texels."""
+
+    camera: Camera
+    layers: list[GBuffer]
+    fields: list[DepthField]
+    offsets: list[int]
+
+    @property
+    def nearest_depth(self) -> float:
+        """Nothing of a perspective view lies nearer."""
+        return 1.0 / max(1e-30, *(float(field.front.max()) for field in self.fields))
+
+
+@dataclass(frozen=True, eq=False)
+class OnwardRays:
+    """Rays that go on in other views: their numbers, (3, N) origins and directions, and from how far on.
+
+    Origins and directions are in the space of the camera that they come from.
+    """
+
+    number: IntArray
+    origin_vs: FloatArray
+    direction_vs: FloatArray
+    begin: FloatArray
+    camera: Camera
+
+
+@dataclass(frozen=True)
+class TraceLimits:
+    """How rays are followed: `tracer.trace_visitors` says what each is."""
+
+    max_distance: float
+    max_steps: int | None
+    march: tracer.MarchOptions | None
+
+
+class Place:
+    """The views that look from one place; fields of one size and projection are walked together.
+
+    Parameters
+    ----------
+    views
+        Of the whole scene.
+    members
+        Which of them look from here.
+    """
+
+    def __init__(self, views: Sequence[PlacedView], members: Sequence[int]) -> None:
+        self.views, self.members = views, tuple(members)
+        groups: dict[tuple[int, int, bool], list[tuple[int, int]]] = {}
+        for index in members:
+            camera = views[index].camera
+            kind = (camera.width, camera.height, camera.is_orthographic)
+            groups.setdefault(kind, []).extend((index, layer) for layer in range(len(views[index].fields)))
+        self.stacks = [
+            (FieldStack([views[view].fields[layer] for view, layer in shown]), shown)
+            for shown in groups.values()
+        ]
+
+    def follow(
+        self, rays: OnwardRays, home: int, merged: MergedAnswers, limits: TraceLimits, threads: int | None
+    ) -> None:
+        """Trace rays through all views of this place but their own, and take in what these answer."""
+        seen: dict[int, list[tuple[_Visit, tracer.TraceResult]]] = {}
+        for stack, shown in self.stacks if rays.number.size else ():
+            visits = [
+                _visit(self.views[view], layer, index, rays, limits.max_distance)
+                for index, (view, layer) in enumerate(shown)
+                if view != home
+            ]
+            if not visits:
+                continue
+            found = tracer.trace_visitors(
+                stack,
+                tracer.ScreenRays.joined([visit.rays for visit in visits]),
+                np.concatenate([visit.direction for visit in visits], axis=1),
+                max_steps=limits.max_steps,
+                march=limits.march,
+                threads=threads,
+            )
+            end = 0
+            for visit in visits:
+                part = slice(end, end + visit.ray.shape[0])
+                end = part.stop
+                result = _part(found, part, visit, visit.index * stack.pixels_per_field)
+                view, layer = shown[visit.index]
+                offset = self.views[view].offsets[layer]
+                merged.add(stack.fields[visit.index], offset, rays.number.take(visit.ray), result)
+                seen.setdefault(view, []).append((visit, result))
+        for layers in seen.values():
+            # The same rays come into the sight of all layers of a view, at the same places
+            visit = layers[0][0]
+            in_sight = sight_through_layers([result for _, result in layers])
+            merged.see(Sight(rays.number.take(visit.ray), visit.enters, in_sight))
+
+
+def places_of(views: Sequence[PlacedView]) -> list[Place]:
+    """Group views by the place that they look from; each orthographic one looks from a place of its own."""
+    groups: list[list[int]] = []
+    for index, view in enumerate(views):
+        own = [] if view.camera.is_orthographic else [one for one in groups if _is_at(views[one[0]], view)]
+        if own:
+            own[0].append(index)
+        else:
+            groups.append([index])
+    return [Place(views, members) for members in groups]
+
+
+def move_between(home: Camera, other: Camera) -> FloatArray:
+    """Return the (4, 4) transform from one camera's space to another's."""
+    return np.linalg.inv(other.world_from_view) @ home.world_from_view
+
+
+def _is_at(first: PlacedView, second: PlacedView) -> bool:
+    if first.camera.is_orthographic:
+        return False
+    apart = first.camera.world_from_view[:3, 3] - second.camera.world_from_view[:3, 3]
+    nearest = min(first.nearest_depth, second.nearest_depth)
+    return bool(np.linalg.norm(apart) <= _SAME_PLACE * nearest)
+
+
+@dataclass(frozen=True, eq=False)
+class _Visit:
+    """Rays that enter a field of another view: which, from where on, and how they look there.
+
+    They are followed from `begin` on, and come over the view's frame at `enters`.
+    """
+
+    index: int  # of the field in its stack
+    ray: IntArray
+    begin: FloatArray
+    enters: FloatArray
+    rays: tracer.ScreenRays
+    direction: FloatArray
+
+
+def _visit(view: PlacedView, layer: int, index: int, rays: OnwardRays, max_distance: float) -> _Visit:
+    """Express rays in a view's space, those that come into its sight after they begin."""
+    rows = [[float(value) for value in row] for row in move_between(rays.camera, view.camera)[:3]]
+    (ox, oy, oz), (dx, dy, dz) = rays.origin_vs, rays.direction_vs
+    moved = np.stack([r[0] * ox + r[1] * oy + r[2] * oz + r[3] for r in rows])
+    turned = np.stack([r[0] * dx + r[1] * dy + r[2] * dz for r in rows])
+    begin = _in_front_of_camera(view, moved, turned, rays.begin)
+    reaching = np.flatnonzero(begin < max_distance)
+    begin, turned = begin.take(reaching), turned.take(reaching, axis=1)
+    moved = moved.take(reaching, axis=1) + turned * begin
+    lines = tracer.project_rays(view.fields[layer], moved, turned, max_distance - begin, index)
+    seen = np.flatnonzero(lines.s_begin < np.inf)
+    lines, begin = lines.only(seen), begin.take(seen)
+    enters = begin + lines.entry_distance(view.camera.is_orthographic)
+    return _Visit(index, reaching.take(seen), begin, enters, lines, turned.take(seen, axis=1))
+
+
+def _part(found: tracer.TraceResult, part: slice, visit: _Visit, first_pixel: int) -> tracer.TraceResult:
+    """Return what one visit found, with distances from the rays' origins and pixels of its own field."""
+    return tracer.TraceResult(
+        found.status[part],
+        found.pixel[part] - first_pixel,
+        found.distance[part] + visit.begin,
+        found.x_px[part],
+        found.y_px[part],
+        found.hidden[part] + visit.begin,
+    )
+
+
+def _in_front_of_camera(
+    view: PlacedView, origin: FloatArray, direction: FloatArray, begin: FloatArray
+) -> FloatArray:
+    """Return from which distance rays lie in front of a view's camera: at least `begin`, +inf for never."""
+    if view.camera.is_orthographic:
+        return begin
+    near = 0.5 * view.nearest_depth
+    depth, approach = -origin[2], -direction[2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        enters = np.where(approach > 0.0, (near - depth) / approach, np.inf)
+    starts_in_front = depth + begin * approach >= near
+    return np.where(starts_in_front, begin, np.where(enters > begin, enters, np.inf)).astype(begin.dtype)
