@@ -16,10 +16,11 @@ from .capture_notes import capture_notes
 from .cycles_passes import RenderedPasses
 from .engines import Engine, engine_named
 from .gbuffer import gbuffer_from_passes
+from .hidden_surfaces import Take, add_hidden_surfaces
 from .render_settings import borrow_passes, borrow_pixel_centers, borrow_scene
 from .restore import Restorer
 from .roughness import borrow_roughness
-from .surround import capture_surround, surround_pose
+from .surround import borrow_faces, capture_surround, surround_pose
 from .volumes import borrow_clear_air
 
 FloatArray = NDArray[np.float32]
@@ -48,6 +49,10 @@ class CaptureOptions:
         Width and height of each of the six views around the camera, pixels; 0 captures none.
     surround_samples
         Per pixel, of the light in those views.
+    back_faces
+        Capture how thick the visible surfaces are (Cycles), in all views.
+    behind
+        Capture the layer behind the visible surfaces with its light (Cycles), in all views.
     """
 
     engine: str = "cycles"
@@ -58,6 +63,8 @@ class CaptureOptions:
     view_layer: str | None = None
     surround: int = 0
     surround_samples: int = 4
+    back_faces: bool = False
+    behind: bool = False
 
 
 def capture_frame(
@@ -67,7 +74,7 @@ def capture_frame(
 
     Two renders: geometry from a single sample at each pixel's centre, since averaged normals belong to no
     surface; and light with as many samples as asked for, without diffuse and glossy bounces. A surround
-    takes six small ones more.
+    takes six small ones more; back faces and the layer behind take one more of each view.
 
     Parameters
     ----------
@@ -110,6 +117,8 @@ def capture_frame(
         frame = replace(frame, environment=_environment(world, frame.camera))
         if options.surround:
             frame = _add_surround(engine, frame, scene, view_layer, options, report)
+        if options.back_faces or options.behind:
+            frame = _add_hidden_surfaces(engine, frame, scene, view_layer, options, report)
     if options.denoise and engine.denoises and not is_denoised:
         note = "This Blender has no denoiser: the direct light is not denoised."
         frame = replace(frame, notes=(*frame.notes, note))
@@ -155,20 +164,65 @@ def _add_surround(
     report: Progress,
 ) -> CapturedFrame:
     """Return the frame with the views around it, none where no surface could send rays into them."""
-    nearest = float(frame.gbuffer.depth.min())
-    if not np.isfinite(nearest):
+    if frame.gbuffer.is_background.all():
         return frame
     views, seconds = capture_surround(
         engine,
         scene,
         view_layer,
-        surround_pose(frame.camera, nearest, scene.camera.data.clip_start),
+        _surround_pose(frame, scene),
         size=options.surround,
         samples=options.surround_samples,
         denoise=options.denoise,
-        progress=lambda fraction, text: report(0.7 + 0.3 * fraction, text),
+        progress=lambda fraction, text: report(0.6 + 0.2 * fraction, text),
     )
     return replace(frame, views=views, seconds={**frame.seconds, "surround": seconds})
+
+
+def _surround_pose(frame: CapturedFrame, scene: bpy.types.Scene) -> NDArray[np.float64]:
+    return surround_pose(frame.camera, float(frame.gbuffer.depth.min()), scene.camera.data.clip_start)
+
+
+def _add_hidden_surfaces(
+    engine: Engine,
+    frame: CapturedFrame,
+    scene: bpy.types.Scene,
+    view_layer: bpy.types.ViewLayer,
+    options: CaptureOptions,
+    report: Progress,
+) -> CapturedFrame:
+    """Return the frame and its surround with what stands behind the visible surfaces."""
+    if engine.name != "cycles":
+        note = "Only Cycles can look behind surfaces: their back faces and the layer behind are left out."
+        return replace(frame, notes=(*frame.notes, note))
+    if frame.gbuffer.is_background.all():
+        return frame
+    takes = [Take(((frame.gbuffer, frame.camera),), lambda _: iter([None]), options.samples)]
+    if frame.views:
+        pose = _surround_pose(frame, scene)
+        takes.append(
+            Take(
+                frame.views,
+                lambda restorer: borrow_faces(restorer, scene, pose, options.surround),
+                options.surround_samples,
+            )
+        )
+    (front, *around), seconds = add_hidden_surfaces(
+        engine,
+        scene,
+        view_layer,
+        takes,
+        back_faces=options.back_faces,
+        behind=options.behind,
+        denoise=options.denoise,
+        progress=lambda fraction, text: report(0.8 + 0.2 * fraction, text),
+    )
+    return replace(
+        frame,
+        gbuffer=front[0][0],
+        views=around[0] if around else (),
+        seconds={**frame.seconds, **seconds},
+    )
 
 
 def _environment(radiance: FloatArray | None, camera: Camera) -> Environment | None:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import bpy
 import numpy as np
@@ -85,20 +85,16 @@ def capture_surround(
     start = time.perf_counter()
     views = []
     with Restorer() as restorer:
-        camera = _borrow_camera(restorer, scene)
-        restorer.change(scene.render, pixel_aspect_x=1.0, pixel_aspect_y=1.0, use_border=False)
-        borrow_framing(restorer, scene, (size, size))
-        borrow_pixel_centers(restorer, scene)
+        faces = borrow_faces(restorer, scene, world_from_view, size)
         # Mirrors show single pixels of the faces, hence the denoiser.
         is_denoised = engine.borrow_light(restorer, scene, view_layer, samples=samples, denoise=denoise)
         borrow_clear_air(restorer, view_layer)
         roughness = borrow_roughness(restorer, view_layer)
         names = tuple({*GEOMETRY_PASSES, *engine.light_passes, *roughness.passes})
         borrow_passes(restorer, view_layer, names)
-        for index, (forward, up) in enumerate(FACES.values()):
+        for index, _ in enumerate(faces):
             if progress is not None:
                 progress(index / len(FACES), "Surround")
-            camera.matrix_world = Matrix(world_from_view @ _turn(forward, up))
             rendered = engine.render(scene, view_layer, names)
             gbuffer = gbuffer_from_passes(
                 rendered.layers,
@@ -109,6 +105,31 @@ def capture_surround(
             )
             views.append((gbuffer, rendered.camera))
     return tuple(views), time.perf_counter() - start
+
+
+def borrow_faces(
+    restorer: Restorer, scene: bpy.types.Scene, world_from_view: FloatArray, size: int
+) -> Iterator[None]:
+    """Let renders show one face after the other, `size` pixels wide, until `restorer` closes.
+
+    Each step of the iterator turns the camera to the next of `FACES`.
+
+    Raises
+    ------
+    SSGIError
+        If `size` cannot be rendered.
+    """
+    camera = _borrow_camera(restorer, scene)
+    restorer.change(scene.render, pixel_aspect_x=1.0, pixel_aspect_y=1.0, use_border=False)
+    borrow_framing(restorer, scene, (size, size))
+    borrow_pixel_centers(restorer, scene)
+
+    def turn() -> Iterator[None]:
+        for forward, up in FACES.values():
+            camera.matrix_world = Matrix(world_from_view @ _turn(forward, up))
+            yield
+
+    return turn()
 
 
 def surround_pose(camera: Camera, nearest_depth: float, clip_start: float) -> FloatArray:
