@@ -34,6 +34,8 @@ from ssgi_addon.core.planner import is_colored
 from ssgi_addon.core.scene import TraceScene, View
 from ssgi_addon.frame import CapturedFrame
 
+PRESET = "final"
+
 Configuration = Callable[[CapturedFrame], tuple[GBuffer, Sequence[View]]]
 
 
@@ -95,7 +97,7 @@ def score_rays(
 ) -> tuple[RayScore, WrongHits]:
     """Return what a configuration answers to the rays, and where its wrong hits come from."""
     gbuffer, views = configuration(frame)
-    judgement = Judgement(TraceScene(gbuffer, frame.camera, views, Settings.preset("final")), truth)
+    judgement = Judgement(TraceScene(gbuffer, frame.camera, views, Settings.preset(PRESET)), truth)
     return judgement.score(), judgement.wrong_hits()
 
 
@@ -111,7 +113,7 @@ def score_light(truth: CyclesTruth, configuration: Configuration, bounces: int |
     bounces
         Of our diffuse light; None means the preset's.
     """
-    frame, settings = truth.frame, Settings.preset("final")
+    frame, settings = truth.frame, Settings.preset(PRESET)
     if bounces is not None:
         settings = replace(settings, diffuse=replace(settings.diffuse, bounces=bounces))
     gbuffer, views = configuration(frame)

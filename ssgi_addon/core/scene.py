@@ -23,7 +23,7 @@ View = tuple[GBuffer, Camera]
 
 
 @dataclass(frozen=True, eq=False)
-class _PlacedView:
+class PlacedView:
     """A camera's layers, front first, and where their pixels stand among all texels."""
 
     camera: Camera
@@ -66,10 +66,10 @@ class TraceScene:
         self.march: tracer.MarchOptions | None = None
         if method == "linear" and rays.march_step > 0.0:
             self.march = tracer.MarchOptions(rays.march_step, rays.bisections)
-        self.views: list[_PlacedView] = []
+        self.views: list[PlacedView] = []
         self.texels = 0
         for front, view_camera in [(gbuffer, camera), *views]:
-            placed = _PlacedView(view_camera, [], [], [])
+            placed = PlacedView(view_camera, [], [], [])
             layer: GBuffer | None = front
             while layer is not None:
                 placed.layers.append(layer)
@@ -283,7 +283,7 @@ def _visit(
 
 
 def _in_front_of_camera(
-    view: _PlacedView, origin: FloatArray, direction: FloatArray, begin: FloatArray
+    view: PlacedView, origin: FloatArray, direction: FloatArray, begin: FloatArray
 ) -> FloatArray:
     """Return from which distance rays lie in front of a view's camera: at least `begin`, +inf for never."""
     if view.camera.is_orthographic:
