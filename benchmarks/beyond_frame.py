@@ -35,6 +35,8 @@ from ssgi_addon.core.scene import TraceScene, View
 from ssgi_addon.frame import CapturedFrame
 
 PRESET = "final"
+# Relative errors below this, or below 0, are noise: they count as this in means.
+_LEAST = 1e-3
 
 Configuration = Callable[[CapturedFrame], tuple[GBuffer, Sequence[View]]]
 
@@ -121,7 +123,8 @@ def score_light(truth: CyclesTruth, configuration: Configuration, bounces: int |
     light = render_indirect(gbuffer, frame.camera, settings, frame.environment, views)
     seconds = time.perf_counter() - start
     none = np.zeros_like(light.diffuse)
-    counts, everywhere = is_colored(gbuffer.albedo) & ~gbuffer.is_background, np.ones(gbuffer.shape, bool)
+    everywhere = np.ones(gbuffer.shape, bool)
+    counts = is_colored(gbuffer.albedo) & ~gbuffer.is_background
     pictures = np.stack(
         [
             composite(gbuffer, replace(light, diffuse=diffuse, glossy=glossy))
@@ -156,7 +159,7 @@ def overall(scores: Sequence[Score]) -> dict[str, dict[str, float | None]]:
         lights = [score.light for score in own if score.light is not None]
         if lights:
             for key in ("diffuse", "picture"):
-                found[name][key] = geometric_mean([getattr(light, key) for light in lights])
+                found[name][key] = geometric_mean([max(getattr(light, key), _LEAST) for light in lights])
     return found
 
 
@@ -193,7 +196,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--scenes", nargs="+", default=real_scenes(), help="real scenes")
     parser.add_argument("--configurations", nargs="+", choices=CONFIGURATIONS, default=list(CONFIGURATIONS))
     parser.add_argument("--size", type=parse_size, default=(480, 270), metavar="WIDTHxHEIGHT")
-    parser.add_argument("--rays", type=int, default=RAYS, help="per scene, of those with a known truth")
+    parser.add_argument(
+        "--rays", type=int, default=RAYS, help="per scene, whether their truth is certain or not"
+    )
     parser.add_argument(
         "--no-light", dest="light", action="store_false", help="leave out the light, which is slow"
     )
