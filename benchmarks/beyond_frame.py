@@ -34,6 +34,10 @@ from ssgi_addon.core.planner import is_colored
 from ssgi_addon.core.scene import TraceScene, View
 from ssgi_addon.frame import CapturedFrame
 
+PRESET = "final"
+# Relative errors below this, or below 0, are noise: they count as this in means.
+_LEAST = 1e-3
+
 Configuration = Callable[[CapturedFrame], tuple[GBuffer, Sequence[View]]]
 
 
@@ -95,7 +99,7 @@ def score_rays(
 ) -> tuple[RayScore, WrongHits]:
     """Return what a configuration answers to the rays, and where its wrong hits come from."""
     gbuffer, views = configuration(frame)
-    judgement = Judgement(TraceScene(gbuffer, frame.camera, views, Settings.preset("final")), truth)
+    judgement = Judgement(TraceScene(gbuffer, frame.camera, views, Settings.preset(PRESET)), truth)
     return judgement.score(), judgement.wrong_hits()
 
 
@@ -111,7 +115,7 @@ def score_light(truth: CyclesTruth, configuration: Configuration, bounces: int |
     bounces
         Of our diffuse light; None means the preset's.
     """
-    frame, settings = truth.frame, Settings.preset("final")
+    frame, settings = truth.frame, Settings.preset(PRESET)
     if bounces is not None:
         settings = replace(settings, diffuse=replace(settings.diffuse, bounces=bounces))
     gbuffer, views = configuration(frame)
@@ -119,7 +123,8 @@ def score_light(truth: CyclesTruth, configuration: Configuration, bounces: int |
     light = render_indirect(gbuffer, frame.camera, settings, frame.environment, views)
     seconds = time.perf_counter() - start
     none = np.zeros_like(light.diffuse)
-    counts, everywhere = is_colored(gbuffer.albedo) & ~gbuffer.is_background, np.ones(gbuffer.shape, bool)
+    everywhere = np.ones(gbuffer.shape, bool)
+    counts = is_colored(gbuffer.albedo) & ~gbuffer.is_background
     pictures = np.stack(
         [
             composite(gbuffer, replace(light, diffuse=diffuse, glossy=glossy))
@@ -154,7 +159,7 @@ def overall(scores: Sequence[Score]) -> dict[str, dict[str, float | None]]:
         lights = [score.light for score in own if score.light is not None]
         if lights:
             for key in ("diffuse", "picture"):
-                found[name][key] = geometric_mean([getattr(light, key) for light in lights])
+                found[name][key] = geometric_mean([max(getattr(light, key), _LEAST) for light in lights])
     return found
 
 
@@ -191,7 +196,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--scenes", nargs="+", default=real_scenes(), help="real scenes")
     parser.add_argument("--configurations", nargs="+", choices=CONFIGURATIONS, default=list(CONFIGURATIONS))
     parser.add_argument("--size", type=parse_size, default=(480, 270), metavar="WIDTHxHEIGHT")
-    parser.add_argument("--rays", type=int, default=RAYS, help="per scene, of those with a known truth")
+    parser.add_argument(
+        "--rays", type=int, default=RAYS, help="per scene, whether their truth is certain or not"
+    )
     parser.add_argument(
         "--no-light", dest="light", action="store_false", help="leave out the light, which is slow"
     )

@@ -10,8 +10,7 @@ import numpy as np
 from benchmarks.ray_truth import RayTruth
 from ssgi_addon.core import Camera, tracer
 from ssgi_addon.core.depth_field import DepthField
-from ssgi_addon.core.metrics import find_silhouettes
-from ssgi_addon.core.scene import TraceScene
+from ssgi_addon.core.places import PlacedView, TraceScene
 from ssgi_addon.core.types import BoolArray, FloatArray, IntArray
 
 # A hit is right this near to the true one: relative to the distance, or pixels of the view that answered.
@@ -19,6 +18,8 @@ NEAR = 0.02
 NEAR_PX = 2.0
 # A ray's own surroundings, pixels.
 _CONTACT_PX = 3.0
+# A hit no deeper than this behind a patch lies on it; relative to depth.
+_ON_FRONT = 1e-4
 # What a ray did, and what makes a wrong hit wrong; each ray has one of them.
 RIGHT, TOO_NEAR, TOO_FAR, NO_SKY, UNANSWERED = range(5)
 
@@ -67,16 +68,16 @@ class WrongHits:
 
     Attributes
     ----------
-    near_contact, near_silhouette, near_other
-        What was found lies too near, or before the sky: within three pixels of the ray's own; else within
-        one pixel of a depth edge of the view that answered; else.
+    near_contact, near_step, near_front
+        What was found lies too near, or before the sky: within three pixels of the ray's own; else behind the
+        front of the pixel that the ray entered, where a step of one surface counts as its front; else on it.
     far_hidden, far_seen
         What was found lies too far: no view shows the true hit, or one does and the ray went past it.
     """
 
     near_contact: float | None
-    near_silhouette: float | None
-    near_other: float | None
+    near_step: float | None
+    near_front: float | None
     far_hidden: float | None
     far_seen: float | None
 
@@ -119,34 +120,42 @@ class Judgement:
         self.scene, self.pixel, self.distance = scene, truth.pixel[counts], truth.distance[counts]
         self.answers = scene.answer(np.ascontiguousarray(origin), np.ascontiguousarray(direction), 0, None)
         self.is_sky = np.isinf(self.distance)
-        reach = np.where(self.is_sky, 0.0, self.distance)
-        # Where the truth lies; the sky has no normal, so no view shows it
-        point = (origin + direction * reach).T.astype(np.float64)
-        normal = truth.normal_vs[:, counts].T
-        self.is_seen = np.zeros(self.distance.shape, bool)
-        self.is_same_place = np.zeros(self.distance.shape, bool)
-        self.at_silhouette = np.zeros(self.distance.shape, bool)
+        self.is_hit = self.answers.status == tracer.HIT
+        self.is_seen, self.is_same_place, self.is_step = np.zeros((3, self.distance.size), bool)
+        # Where the truth lies, and what was found; the sky has no normal, so no view shows it
+        true, found = (
+            (origin + direction * np.where(np.isfinite(distance), distance, 0.0)).T.astype(np.float64)
+            for distance in (self.distance, self.answers.distance)
+        )
         for view in scene.views:
-            move = np.linalg.inv(view.camera.world_from_view) @ scene.views[0].camera.world_from_view
-            moved = point @ move[:3, :3].T + move[:3, 3]
-            faces = _faces(view.camera, moved, normal @ move[:3, :3].T)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                x, y, depth = view.camera.view_to_pixel(moved)
-            for layer, field, offset in zip(view.layers, view.fields, view.offsets, strict=True):
-                shows = faces & _shows(field, x, y, depth)
-                self.is_seen |= shows
-                mine = (self.answers.texel >= offset) & (self.answers.texel < offset + layer.depth.size)
-                off = np.hypot(x - self.answers.x_px, y - self.answers.y_px)
-                self.is_same_place |= mine & shows & (off <= NEAR_PX)
-                found = self.answers.texel[mine] - offset
-                self.at_silhouette[mine] = find_silhouettes(layer.depth).reshape(-1).take(found)
-        is_hit = self.answers.status == tracer.HIT
-        self.verdict = judge(is_hit, self.answers.distance, self.distance, self.is_same_place)
+            self._compare(view, true, found, truth.normal_vs[:, counts].T)
+        self.verdict = judge(self.is_hit, self.answers.distance, self.distance, self.is_same_place)
+
+    def _compare(self, view: PlacedView, true: FloatArray, found: FloatArray, normal: FloatArray) -> None:
+        """Tell what one view shows of the truth, and how its own answers lie to it.
+
+        Points and normals (N, 3) are in the space of view 0.
+        """
+        move = np.linalg.inv(view.camera.world_from_view) @ self.scene.views[0].camera.world_from_view
+        moved = true @ move[:3, :3].T + move[:3, 3]
+        faces = _faces(view.camera, moved, normal @ move[:3, :3].T)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            x, y, depth = view.camera.view_to_pixel(moved)
+        off = np.hypot(x - self.answers.x_px, y - self.answers.y_px)
+        found_depth = -(found @ move[2, :3] + move[2, 3])
+        for field, offset in zip(view.fields, view.offsets, strict=True):
+            shows = faces & _shows(field, x, y, depth)
+            self.is_seen |= shows
+            pixel = self.answers.texel - offset
+            mine = (pixel >= 0) & (pixel < view.camera.width * view.camera.height)
+            self.is_same_place |= mine & shows & (off <= NEAR_PX)
+            front = _patch_depth(field, pixel[mine], self.answers.x_px[mine], self.answers.y_px[mine])
+            self.is_step[mine] = found_depth[mine] - front > _ON_FRONT * front
 
     def score(self) -> RayScore:
         """Return the shares."""
         status = self.answers.status
-        is_hit, is_escaped = status == tracer.HIT, status == tracer.ESCAPED
+        is_hit, is_escaped = self.is_hit, status == tracer.ESCAPED
         return RayScore(
             rays=status.size,
             sky=_share(self.is_sky),
@@ -166,7 +175,7 @@ class Judgement:
 
     def wrong_hits(self) -> WrongHits:
         """Return where wrong hits come from."""
-        is_hit = self.answers.status == tracer.HIT
+        is_hit = self.is_hit
         is_near = (self.verdict == TOO_NEAR) | (self.verdict == NO_SKY)
         is_far = self.verdict == TOO_FAR
         width = self.scene.views[0].camera.width
@@ -175,8 +184,8 @@ class Judgement:
         at_contact = (self.answers.texel < self.scene.views[0].layers[0].depth.size) & (off <= _CONTACT_PX)
         return WrongHits(
             near_contact=_share((is_near & at_contact)[is_hit]),
-            near_silhouette=_share((is_near & ~at_contact & self.at_silhouette)[is_hit]),
-            near_other=_share((is_near & ~at_contact & ~self.at_silhouette)[is_hit]),
+            near_step=_share((is_near & ~at_contact & self.is_step)[is_hit]),
+            near_front=_share((is_near & ~at_contact & ~self.is_step)[is_hit]),
             far_hidden=_share((is_far & ~self.is_seen)[is_hit]),
             far_seen=_share((is_far & self.is_seen)[is_hit]),
         )
@@ -200,13 +209,22 @@ def _shows(field: DepthField, x_px: FloatArray, y_px: FloatArray, depth: FloatAr
     for down, right in np.ndindex(3, 3):
         column = np.clip(x.astype(np.int64) + right - 1, 0, camera.width - 1)
         row = np.clip(y.astype(np.int64) + down - 1, 0, camera.height - 1)
-        front, gx, gy, _ = field.planes.take(row * camera.width + column, axis=0).T
-        q = front + gx * (x - column - 0.5) + gy * (y - row - 0.5)
-        with np.errstate(divide="ignore"):
-            patch = -q if camera.is_orthographic else 1.0 / np.maximum(q, 0.0)
+        patch = _patch_depth(field, row * camera.width + column, x, y)
         shows |= np.abs(patch - own) <= NEAR * own
     is_inside[inside] = shows
     return is_inside
+
+
+def _patch_depth(field: DepthField, pixel: IntArray, x_px: FloatArray, y_px: FloatArray) -> FloatArray:
+    """Return the depth (N,) of pixels' patches at places near them, +inf beyond where they end."""
+    row, column = np.divmod(pixel, field.camera.width)
+    front, gx, gy, _ = field.planes.take(pixel, axis=0).T
+    q = front + gx * (x_px - column - 0.5) + gy * (y_px - row - 0.5)
+    if field.camera.is_orthographic:
+        return -q
+    with np.errstate(divide="ignore"):
+        depth: FloatArray = 1.0 / np.maximum(q, 0.0)
+    return depth
 
 
 def _share(is_one: BoolArray) -> float | None:

@@ -77,8 +77,8 @@ def relmse_without_noise(image: FloatArray, halves: FloatArray, mask: BoolArray)
     """Return the relMSE of an image as a reference without noise would give it, over the pixels of the mask.
 
     The halves' noise is independent, so that of ``(v - h1) * (v - h2)`` has the mean 0. Its scale is that of
-    `metrics.relative_squared_error`, and as there the worst pixels are left out. Below 0 where nothing but
-    noise is left.
+    `metrics.relmse`, and as there the worst pixels are left out. What noise there is in the scale, the mean
+    of both, stays in it. Below 0 where nothing but noise is left.
 
     Parameters
     ----------
