@@ -10,7 +10,8 @@ import numpy as np
 from benchmarks.ray_truth import RayTruth
 from ssgi_addon.core import Camera, tracer
 from ssgi_addon.core.depth_field import DepthField
-from ssgi_addon.core.places import PlacedView, TraceScene
+from ssgi_addon.core.places import PlacedView
+from ssgi_addon.core.scene import TraceScene
 from ssgi_addon.core.types import BoolArray, FloatArray, IntArray
 
 # A hit is right this near to the true one: relative to the distance, or pixels of the view that answered.
