@@ -129,7 +129,7 @@ def _keep_frame(name: str, size: Size) -> None:
     options = CaptureOptions(resolution=size, surround=_SURROUND_PX)
     if name.startswith(_FLOOR):
         # Its lamp is a point and its light paths start at pixel centres: one sample is free of noise
-        options = replace(options, samples=1, denoise=False, surround_samples=1)
+        options = replace(options, samples=1, denoise=False, view_samples=1)
     # The compositor's layers are half of the file, and nothing here reads them
     frame = replace(capture_frame(open_scene(name), options), layers={})
     path = frame_path(name, size)

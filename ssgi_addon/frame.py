@@ -32,6 +32,8 @@ class CapturedFrame:
         escaping rays must bring nothing (Cycles).
     views
         Further G-buffers and cameras that rays continue in.
+    view_names
+        What each of them is, by the capture that took it: ``"surround"``, ``"stations"`` and so on.
     layers
         Captured passes by Blender's long names, ``(H, W, 3)`` or ``(H, W)``.
     seconds
@@ -47,6 +49,7 @@ class CapturedFrame:
     emission_in_direct: bool
     world_in_direct: bool
     views: tuple[tuple[GBuffer, Camera], ...] = ()
+    view_names: tuple[str, ...] = ()
     layers: Mapping[str, np.ndarray[Any, Any]] = field(default_factory=dict)
     seconds: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()

@@ -63,7 +63,8 @@ def write_passes(
     for number, (gbuffer, camera) in enumerate(frame.views, 1):
         name = f"{stem}_view{number}.exr"
         write_layers(folder / name, _planes(gbuffer))
-        views.append({"passes": name, "camera": _camera_to_json(camera)})
+        kind = frame.view_names[number - 1] if frame.view_names else "view"
+        views.append({"passes": name, "name": kind, "camera": _camera_to_json(camera)})
     data = {
         "format": FORMAT,
         "version": FORMAT_VERSION,
@@ -179,6 +180,7 @@ def _own_frame(path: Path, layers: Pixels, data: Mapping[str, Any], camera: Came
             emission_in_direct=data["emission_in_direct"],
             world_in_direct=data["world_in_direct"],
             views=tuple(_read_view(view, path.parent) for view in data["views"]),
+            view_names=tuple(view.get("name", "view") for view in data["views"]),
             layers={name: layers[name] for name in data["layers"]},
             seconds=data["seconds"],
             notes=tuple(data["notes"]),

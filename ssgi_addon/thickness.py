@@ -68,12 +68,12 @@ class Orientation:
         What the views see first.
     """
 
-    def __init__(
-        self, numbers: Sequence[NDArray[Any]], surfaces: Sequence[SurfaceIdentity]
-    ) -> None:
+    def __init__(self, numbers: Sequence[NDArray[Any]], surfaces: Sequence[SurfaceIdentity]) -> None:
         known = [surface.is_known for surface in surfaces]
         of_pixels = np.concatenate([number[here] for number, here in zip(numbers, known, strict=True)])
-        is_back = np.concatenate([surface.is_back[here] for surface, here in zip(surfaces, known, strict=True)])
+        is_back = np.concatenate(
+            [surface.is_back[here] for surface, here in zip(surfaces, known, strict=True)]
+        )
         self._things, index, pixels = np.unique(of_pixels, return_inverse=True, return_counts=True)
         self._share = np.bincount(index, is_back, self._things.size) / pixels
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -10,17 +11,20 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import Camera, Environment
+from ..core import Camera, Environment, Settings
+from ..core.stations import plan_stations
 from ..frame import CapturedFrame
+from ..view_cameras import overscan_camera, square_camera, surround_cameras
 from .capture_notes import capture_notes
 from .cycles_passes import RenderedPasses
 from .engines import Engine, engine_named
 from .gbuffer import gbuffer_from_passes
 from .hidden_surfaces import Take, add_hidden_surfaces
+from .light_views import light_cameras
 from .render_settings import borrow_passes, borrow_pixel_centers, borrow_scene
 from .restore import Restorer
 from .roughness import borrow_roughness
-from .surround import borrow_faces, capture_surround, surround_pose
+from .views import borrow_cameras, capture_views
 from .volumes import borrow_clear_air
 
 FloatArray = NDArray[np.float32]
@@ -45,10 +49,18 @@ class CaptureOptions:
         Frame number; None means the current one.
     view_layer
         Name; None means the active one, or the first that renders.
+    overscan
+        How many times as wide and high as the frame one more view is, with as many pixels; 1 captures none.
     surround
         Width and height of each of the six views around the camera, pixels; 0 captures none.
-    surround_samples
-        Per pixel, of the light in those views.
+    stations
+        Most views from elsewhere that show what the frame's rays lose sight of.
+    light_views
+        Most views from lamps, the strongest first.
+    view_size
+        Width and height of stations and light views, pixels.
+    view_samples
+        Per pixel, of the light in all views beyond the frame.
     back_faces
         Capture how thick the visible surfaces are (Cycles), in all views.
     behind
@@ -61,8 +73,12 @@ class CaptureOptions:
     resolution: tuple[int, int] | None = None
     frame: int | None = None
     view_layer: str | None = None
+    overscan: float = 1.0
     surround: int = 0
-    surround_samples: int = 4
+    stations: int = 0
+    light_views: int = 0
+    view_size: int = 128
+    view_samples: int = 4
     back_faces: bool = False
     behind: bool = False
 
@@ -73,8 +89,8 @@ def capture_frame(
     """Render geometry and direct light of one frame.
 
     Two renders: geometry from a single sample at each pixel's centre, since averaged normals belong to no
-    surface; and light with as many samples as asked for, without diffuse and glossy bounces. A surround
-    takes six small ones more; back faces and the layer behind take one more of each view.
+    surface; and light with as many samples as asked for, without diffuse and glossy bounces. Each view beyond
+    the frame takes one more; back faces and the layer behind take one more of each view.
 
     Parameters
     ----------
@@ -115,8 +131,7 @@ def capture_frame(
         notes = capture_notes(scene)
         frame = _assemble(engine, geometry, roughness, light, is_denoised, notes)
         frame = replace(frame, environment=_environment(world, frame.camera))
-        if options.surround:
-            frame = _add_surround(engine, frame, scene, view_layer, options, report)
+        frame = _add_views(engine, frame, scene, view_layer, options, report)
         if options.back_faces or options.behind:
             frame = _add_hidden_surfaces(engine, frame, scene, view_layer, options, report)
     if options.denoise and engine.denoises and not is_denoised:
@@ -155,7 +170,7 @@ def _capture_light(
         return engine.render(scene, view_layer, engine.light_passes), is_denoised
 
 
-def _add_surround(
+def _add_views(
     engine: Engine,
     frame: CapturedFrame,
     scene: bpy.types.Scene,
@@ -163,24 +178,53 @@ def _add_surround(
     options: CaptureOptions,
     report: Progress,
 ) -> CapturedFrame:
-    """Return the frame with the views around it, none where no surface could send rays into them."""
+    """Return the frame with the views beyond it, none where no surface could send rays into them."""
     if frame.gbuffer.is_background.all():
         return frame
-    views, seconds = capture_surround(
-        engine,
-        scene,
-        view_layer,
-        _surround_pose(frame, scene),
-        size=options.surround,
-        samples=options.surround_samples,
-        denoise=options.denoise,
-        progress=lambda fraction, text: report(0.6 + 0.2 * fraction, text),
-    )
-    return replace(frame, views=views, seconds={**frame.seconds, "surround": seconds})
+    planners = {
+        "overscan": lambda _: _overscan(frame.camera, options),
+        "surround": lambda _: _surround(frame, scene, options),
+        "lights": lambda _: light_cameras(scene, frame, options.light_views, options.view_size),
+        "stations": lambda known: _stations(known, options),
+    }
+    for step, (name, plan) in enumerate(planners.items()):
+        begun = time.perf_counter()
+        cameras = plan(frame)
+        if not cameras:
+            continue
+        seconds = time.perf_counter() - begun
+        views, rendering = capture_views(
+            engine,
+            scene,
+            view_layer,
+            cameras,
+            samples=options.view_samples,
+            denoise=options.denoise,
+            progress=lambda fraction: report(0.6 + 0.05 * (step + fraction), name.capitalize()),
+        )
+        frame = replace(
+            frame,
+            views=(*frame.views, *views),
+            view_names=(*frame.view_names, *[name] * len(views)),
+            seconds={**frame.seconds, name: seconds + rendering},
+        )
+    return frame
 
 
-def _surround_pose(frame: CapturedFrame, scene: bpy.types.Scene) -> NDArray[np.float64]:
-    return surround_pose(frame.camera, float(frame.gbuffer.depth.min()), scene.camera.data.clip_start)
+def _overscan(camera: Camera, options: CaptureOptions) -> list[Camera]:
+    return [overscan_camera(camera, options.overscan)] if options.overscan > 1.0 else []
+
+
+def _surround(frame: CapturedFrame, scene: bpy.types.Scene, options: CaptureOptions) -> list[Camera]:
+    if not options.surround:
+        return []
+    nearest = float(frame.gbuffer.depth.min())
+    return surround_cameras(frame.camera, nearest, scene.camera.data.clip_start, options.surround)
+
+
+def _stations(frame: CapturedFrame, options: CaptureOptions) -> list[Camera]:
+    poses = plan_stations(frame.gbuffer, frame.camera, frame.views, Settings(), options.stations)
+    return [square_camera(pose, options.view_size) for pose in poses]
 
 
 def _add_hidden_surfaces(
@@ -191,7 +235,7 @@ def _add_hidden_surfaces(
     options: CaptureOptions,
     report: Progress,
 ) -> CapturedFrame:
-    """Return the frame and its surround with what stands behind the visible surfaces."""
+    """Return the frame and its views with what stands behind the visible surfaces."""
     if engine.name != "cycles":
         note = "Only Cycles can look behind surfaces: their back faces and the layer behind are left out."
         return replace(frame, notes=(*frame.notes, note))
@@ -199,12 +243,12 @@ def _add_hidden_surfaces(
         return frame
     takes = [Take(((frame.gbuffer, frame.camera),), lambda _: iter([None]), options.samples)]
     if frame.views:
-        pose = _surround_pose(frame, scene)
+        cameras = [camera for _, camera in frame.views]
         takes.append(
             Take(
                 frame.views,
-                lambda restorer: borrow_faces(restorer, scene, pose, options.surround),
-                options.surround_samples,
+                lambda restorer: borrow_cameras(restorer, scene, cameras),
+                options.view_samples,
             )
         )
     (front, *around), seconds = add_hidden_surfaces(

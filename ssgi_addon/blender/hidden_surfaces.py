@@ -107,7 +107,10 @@ def add_hidden_surfaces(
             engine, scene, view_layer, takes, flipped, denoise, lambda: tell("Layer behind")
         )
         views = [
-            tuple((replace(gbuffer, behind=layer), camera) for (gbuffer, camera), layer in zip(*pair, strict=True))
+            tuple(
+                (replace(gbuffer, behind=layer), camera)
+                for (gbuffer, camera), layer in zip(*pair, strict=True)
+            )
             for pair in zip(views, layers, strict=True)
         ]
         seconds["behind"] = time.perf_counter() - start

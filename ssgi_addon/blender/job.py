@@ -29,8 +29,8 @@ from .display import write_display_png
 Progress = Callable[[float, str], None]
 Report = dict[str, Any]
 
-# Samples of the light in each view of the surround
-SURROUND_SAMPLES = 4
+# Samples of the light in each view beyond the frame
+VIEW_SAMPLES = 4
 _DEMO_SIZE = (640, 360)
 _DEMO_REFERENCE_SAMPLES = 64
 
@@ -172,7 +172,7 @@ def _render_one(scene: bpy.types.Scene, frame: int, options: JobOptions, progres
             resolution=options.resolution,
             frame=frame,
             surround=options.surround,
-            surround_samples=SURROUND_SAMPLES,
+            view_samples=VIEW_SAMPLES,
         ),
         _part(progress, 0.0, 0.5 * share),
     )

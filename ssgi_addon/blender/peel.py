@@ -115,16 +115,12 @@ def borrow_layer_behind(
 
 
 def _borrow_view(restorer: Restorer, view_layer: bpy.types.ViewLayer) -> None:
-    restorer.change(
-        view_layer, pass_alpha_threshold=max(view_layer.pass_alpha_threshold, _LEAST_OPACITY)
-    )
+    restorer.change(view_layer, pass_alpha_threshold=max(view_layer.pass_alpha_threshold, _LEAST_OPACITY))
     cycles = view_layer.id_data.cycles
     restorer.change(cycles, transparent_max_bounces=cycles.transparent_max_bounces + _LOOKED_THROUGH)
 
 
-def _borrow_aovs(
-    restorer: Restorer, view_layer: bpy.types.ViewLayer, wanted: SurfacePasses
-) -> SurfacePasses:
+def _borrow_aovs(restorer: Restorer, view_layer: bpy.types.ViewLayer, wanted: SurfacePasses) -> SurfacePasses:
     """Add AOVs; Blender appends a number where a name is taken."""
     names = []
     restorer.callback(setattr, view_layer, "active_aov_index", view_layer.active_aov_index)

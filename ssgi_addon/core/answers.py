@@ -15,6 +15,8 @@ from .types import BoolArray, FloatArray, IntArray, StatusArray
 
 # Distances that differ by less are one: each view computes them in its own space.
 _TOUCHING = 1.0 + 1e-4
+# What lies before this part of the open stretch is not there; nearer to its end, views differ by their pixels.
+_SURELY_BEFORE = 0.98
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,31 +57,47 @@ class Sight:
     end: FloatArray
 
 
+@dataclass(frozen=True, eq=False)
+class _Hits:
+    """What one field hit: of each listed ray, and whether the ray was in that field's sight all the way."""
+
+    ray: IntArray
+    texel: IntArray
+    distance: FloatArray
+    x: FloatArray
+    y: FloatArray
+    is_in_sight: BoolArray
+
+
 class MergedAnswers:
     """The nearest answer that several fields give to the same rays.
 
     What a view saw a ray pass in the open, in front of all its surfaces, is empty, whatever another view
-    guesses to be in the way there. Beyond what any view saw, a ray that one field blocks at distance t takes
+    guesses to be there that has lost sight of the ray: a hit on entry, or something in the way. Beyond what any view saw, a ray that one field blocks at distance t takes
     hits of the others up to t plus the blocking surface's thickness.
     """
 
     def __init__(self, count: int, dtype: np.dtype[Any]) -> None:
-        self.texel = np.zeros(count, dtype=np.int64)
         self.nearest = np.full(count, np.inf, dtype=dtype)
-        self.x_px, self.y_px = np.zeros((2, count), dtype=dtype)
         self.escapes = np.zeros(count, dtype=np.bool_)
         self.open_until = np.zeros(count, dtype=dtype)
+        self._hits: list[_Hits] = []
         self._blocks: list[tuple[IntArray, FloatArray, FloatArray]] = []
         self._sights: list[Sight] = []
 
     def add(self, field: DepthField, offset: int, ray: IntArray, found: tracer.TraceResult) -> None:
         """Take in what one field answers to the listed rays; its pixels are texels from `offset` on."""
         hit = np.flatnonzero(found.status == tracer.HIT)
-        hit = hit[found.distance.take(hit) < self.nearest.take(ray.take(hit))]
-        to = ray.take(hit)
-        self.nearest[to] = found.distance.take(hit)
-        self.texel[to] = found.pixel.take(hit) + offset
-        self.x_px[to], self.y_px[to] = found.x_px.take(hit), found.y_px.take(hit)
+        hits = _Hits(
+            ray.take(hit),
+            found.pixel.take(hit) + offset,
+            found.distance.take(hit),
+            found.x_px.take(hit),
+            found.y_px.take(hit),
+            found.hidden.take(hit) >= found.distance.take(hit),
+        )
+        self._hits.append(hits)
+        self.nearest[hits.ray] = np.minimum(self.nearest.take(hits.ray), hits.distance)
         blocked = np.flatnonzero(found.status == tracer.BLOCKED)
         begin = found.distance.take(blocked)
         limit = begin + _thickness(field, found.pixel.take(blocked))
@@ -105,21 +123,26 @@ class MergedAnswers:
         is_open: BoolArray = (self.open_until >= self.nearest) | np.isinf(self.open_until)
         return ~is_open
 
-    def status(self) -> StatusArray:
-        """Return each ray's status: something in the way is more certain than an open sky."""
-        limit = np.full_like(self.nearest, np.inf)
+    def answers(self, texels: int) -> Answers:
+        """Return what is known by now; `texels` is the texel of rays that hit nothing."""
+        count = self.nearest.shape[0]
+        nearest, limit = np.full((2, count), np.inf, dtype=self.nearest.dtype)
+        texel, (x, y) = np.zeros(count, dtype=np.int64), np.zeros((2, count), dtype=nearest.dtype)
+        for hits in self._hits:
+            is_there = hits.is_in_sight | (hits.distance >= _SURELY_BEFORE * self.open_until.take(hits.ray))
+            kept = np.flatnonzero(is_there & (hits.distance < nearest.take(hits.ray)))
+            ray = hits.ray.take(kept)
+            for all_rays, own in ((nearest, hits.distance), (texel, hits.texel), (x, hits.x), (y, hits.y)):
+                all_rays[ray] = own.take(kept)
         for ray, begin, until in self._blocks:
             is_unseen = np.flatnonzero(begin >= self.open_until.take(ray))
             ray = ray.take(is_unseen)
             limit[ray] = np.minimum(limit.take(ray), until.take(is_unseen))
-        is_hit = (self.nearest < np.inf) & (self.nearest <= limit)
+        is_hit = (nearest < np.inf) & (nearest <= limit)
+        # Something in the way is more certain than an open sky
         cases = [is_hit, limit < np.inf, self.escapes]
         kinds = [np.int8(tracer.HIT), np.int8(tracer.BLOCKED), np.int8(tracer.ESCAPED)]
-        return np.select(cases, kinds, np.int8(tracer.UNKNOWN))
-
-    def answers(self, texels: int) -> Answers:
-        """Return what is known by now; `texels` is the texel of rays that hit nothing."""
-        return only_hits(self.status(), self.texel, self.nearest, self.x_px, self.y_px, texels)
+        return only_hits(np.select(cases, kinds, np.int8(tracer.UNKNOWN)), texel, nearest, x, y, texels)
 
 
 def sight_through_layers(found: Sequence[tracer.TraceResult]) -> FloatArray:

@@ -82,7 +82,12 @@ class Place:
         ]
 
     def follow(
-        self, rays: OnwardRays, home: int, merged: MergedAnswers, limits: TraceLimits, threads: int | None
+        self,
+        rays: OnwardRays,
+        home: int | None,
+        merged: MergedAnswers,
+        limits: TraceLimits,
+        threads: int | None,
     ) -> None:
         """Trace rays through all views of this place but their own, and take in what these answer."""
         seen: dict[int, list[tuple[_Visit, tracer.TraceResult]]] = {}
@@ -169,7 +174,8 @@ def _visit(view: PlacedView, layer: int, index: int, rays: OnwardRays, max_dista
     begin, turned = begin.take(reaching), turned.take(reaching, axis=1)
     moved = moved.take(reaching, axis=1) + turned * begin
     lines = tracer.project_rays(view.fields[layer], moved, turned, max_distance - begin, index)
-    seen = np.flatnonzero(lines.s_begin < np.inf)
+    # Some come over the frame's rectangle only beyond their vanishing points
+    seen = np.flatnonzero(lines.s_begin < np.minimum(lines.s_vanish, lines.s_limit))
     lines, begin = lines.only(seen), begin.take(seen)
     enters = begin + lines.entry_distance(view.camera.is_orthographic)
     return _Visit(index, reaching.take(seen), begin, enters, lines, turned.take(seen, axis=1))

@@ -35,6 +35,8 @@ class TraceScene:
         Thickness, largest distance, number of steps, and how the linear method takes them.
     method
         As in `ReflectionSettings.method`.
+    notes_hidden
+        Note where rays go out of the sight of their own view; None where views from elsewhere need it.
     """
 
     def __init__(
@@ -45,6 +47,7 @@ class TraceScene:
         settings: Settings,
         *,
         method: str = "hierarchical",
+        notes_hidden: bool | None = None,
     ) -> None:
         rays, march = settings.reflections, None
         if method == "linear" and rays.march_step > 0.0:
@@ -71,6 +74,7 @@ class TraceScene:
                 layer = layer.behind
             self.views.append(placed)
         self.places = places_of(self.views)
+        self.notes_hidden = len(self.places) > 1 if notes_hidden is None else notes_hidden
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -120,10 +124,26 @@ class TraceScene:
         is_clear
             Nothing in that view is in the way of the rays: look at the others alone.
         """
-        view, count = self.views[home], origin_vs.shape[1]
+        view = self.views[home]
         if len(self.views) == len(view.fields) == 1 and not is_clear:
             found = self._trace(view.fields[0], origin_vs, direction_vs, threads, advance)
             return only_hits(found.status, found.pixel, found.distance, found.x_px, found.y_px, self.texels)
+        return self.merge(origin_vs, direction_vs, home, threads, advance, is_clear=is_clear).answers(
+            self.texels
+        )
+
+    def merge(
+        self,
+        origin_vs: FloatArray,
+        direction_vs: FloatArray,
+        home: int = 0,
+        threads: int | None = 1,
+        advance: parallel.Advance | None = None,
+        *,
+        is_clear: bool = False,
+    ) -> MergedAnswers:
+        """Return what all views say of rays, and how far they saw them; the parameters are `answer`'s."""
+        view, count = self.views[home], origin_vs.shape[1]
         merged, everywhere = MergedAnswers(count, origin_vs.dtype), np.arange(count)
         if is_clear:
             found = tracer.pass_through(view.fields[0], origin_vs, direction_vs, self.limits.max_distance)
@@ -134,7 +154,8 @@ class TraceScene:
             for field, offset in zip(view.fields, view.offsets, strict=True):
                 layers.append(self._trace(field, origin_vs, direction_vs, threads, advance))
                 merged.add(field, offset, everywhere, layers[-1])
-            left, end = layers[0].distance, sight_through_layers(layers)
+            left = np.where(layers[0].status == tracer.UNKNOWN, layers[0].distance, np.inf)
+            end = sight_through_layers(layers)
         merged.see(Sight(everywhere, np.zeros_like(end), end))
 
         def follow(place: Place, onward: IntArray, begin: FloatArray) -> None:
@@ -150,11 +171,31 @@ class TraceScene:
         for place in sorted(self.places, key=lambda place: home not in place.members):
             if home in place.members:
                 # From there everything hides what it hid before: only what leaves the frame goes on
-                follow(place, np.flatnonzero((merged.status() == tracer.UNKNOWN) & np.isfinite(left)), left)
+                follow(place, np.flatnonzero((left < merged.nearest) & np.isfinite(left)), left)
             else:
                 # What was in sight all the way to an answer needs no other view
                 follow(place, np.flatnonzero(merged.is_uncertain()), merged.open_until)
-        return merged.answers(self.texels)
+        return merged
+
+    def open_from(
+        self, origin_vs: FloatArray, direction_vs: FloatArray, threads: int | None = 1
+    ) -> FloatArray:
+        """Return how far views see rays in the open that start in the air, (N,); 0 where none sees them.
+
+        Parameters
+        ----------
+        origin_vs, direction_vs : (3, N)
+            In the space of view 0.
+        threads
+            As in `tracer.trace_rays`.
+        """
+        count, camera = origin_vs.shape[1], self.views[0].camera
+        merged = MergedAnswers(count, origin_vs.dtype)
+        begin = np.zeros(count, dtype=origin_vs.dtype)
+        rays = OnwardRays(np.arange(count), origin_vs, direction_vs, begin, camera)
+        for place in self.places:
+            place.follow(rays, None, merged, self.limits, threads)
+        return merged.open_until
 
     def _trace(
         self,
@@ -166,6 +207,6 @@ class TraceScene:
     ) -> tracer.TraceResult:
         return tracer.trace_rays(
             field, origin_vs, direction_vs, max_distance=self.limits.max_distance,
-            max_steps=self.limits.max_steps, notes_hidden=len(self.places) > 1,
+            max_steps=self.limits.max_steps, notes_hidden=self.notes_hidden,
             march=self.limits.march, threads=threads, advance=advance,
         )  # fmt: skip

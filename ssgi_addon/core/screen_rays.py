@@ -32,7 +32,8 @@ class TraceResult:
         Where in the image the ray met that pixel, in pixels from the left and the top; 0 where there is none.
     hidden : (N,) float32
         Distance from which on the ray was out of sight: where it came into the first cell that it passed
-        wholly behind. +inf for rays that stayed in sight, and where nobody asked.
+        wholly behind, or just before it entered a slab other than through its front. +inf for rays that
+        stayed in sight, and where nobody asked.
     """
 
     status: StatusArray

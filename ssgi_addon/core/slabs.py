@@ -10,6 +10,8 @@ from .screen_rays import BLOCKED, HIT, TraceResult
 from .types import BoolArray, FloatArray, IntArray
 
 SELF_CONTACT_PX = 2
+# A ray that enters a slab from inside goes out of sight at this part of the distance.
+JUST_BEFORE = 1.0 - 1e-3
 
 # Rows of the state; x and y stand together, so that one call serves both. Mirrored coordinates throughout.
 START = slice(0, 2)
@@ -133,6 +135,11 @@ class SlabTest:
             stops = faces | (away > SELF_CONTACT_PX)
         is_hit = faces & (h_in >= -np.minimum(slab, reach))
         self._write(np.flatnonzero(stops), is_hit, ids, pixel, s_met, state)
+        if self.notes_hidden:
+            # Within a slab, or behind it, nothing is in sight any more: just before, it was
+            inside = ids.take(np.flatnonzero(stops & (h_in <= 0.0)))
+            last = self.result.distance.take(inside) * JUST_BEFORE
+            self.result.hidden[inside] = np.minimum(self.result.hidden.take(inside), last)
         return stops
 
     def _write(

@@ -72,7 +72,7 @@ def test_room_of_gloss_has_the_diffuse_light_of_cycles(empty_file):
     for material in bpy.data.materials:
         inputs = material.node_tree.nodes["Principled BSDF"].inputs
         inputs["Roughness"].default_value, inputs["Specular IOR Level"].default_value = 0.6, 0.5
-    captured = CaptureOptions(samples=32, resolution=SIZE, surround=64, surround_samples=16)
+    captured = CaptureOptions(samples=32, resolution=SIZE, surround=64, view_samples=16)
     frame = capture_frame(scene, captured)
     truth = render_reference(
         scene,

@@ -42,10 +42,10 @@ def build_room_with_glowing_ceiling():
 
 
 CAPTURES = {
-    "cycles": CaptureOptions(samples=32, resolution=SIZE, surround=64, surround_samples=16),
+    "cycles": CaptureOptions(samples=32, resolution=SIZE, surround=64, view_samples=16),
     # A coarse surround makes emitters larger, by up to half a pixel on each side.
     "eevee": CaptureOptions(
-        engine="eevee", samples=8, resolution=SIZE, surround=128, surround_samples=2, denoise=False
+        engine="eevee", samples=8, resolution=SIZE, surround=128, view_samples=2, denoise=False
     ),
 }
 SCENES = {

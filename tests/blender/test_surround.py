@@ -37,7 +37,7 @@ from tests.tolerances import (
 )
 
 SIZE = 12
-OPTIONS = CaptureOptions(samples=1, denoise=False, surround=SIZE, surround_samples=1)
+OPTIONS = CaptureOptions(samples=1, denoise=False, surround=SIZE, view_samples=1)
 
 
 @pytest.fixture
@@ -94,7 +94,7 @@ def test_each_direction_lies_in_one_face(room, rng):
 def test_front_face_is_a_frame_of_ninety_degrees(room):
     room.camera.data.lens = 18.0
     frame = capture_frame(
-        room, CaptureOptions(samples=16, denoise=False, resolution=(32, 32), surround=32, surround_samples=16)
+        room, CaptureOptions(samples=16, denoise=False, resolution=(32, 32), surround=32, view_samples=16)
     )
     front = frame.views[0][0]
     assert np.allclose(front.depth, frame.gbuffer.depth, rtol=SURROUND_DEPTH)
@@ -184,7 +184,7 @@ def test_faces_follow_a_camera_on_a_rig_to_the_captured_frame(room):
     for number, camera in ((5, other), (11, tracked)):
         room.timeline_markers.new("Cut", frame=number).camera = camera
     frame = capture_frame(
-        room, CaptureOptions(samples=1, denoise=False, surround=SIZE, surround_samples=1, frame=11)
+        room, CaptureOptions(samples=1, denoise=False, surround=SIZE, view_samples=1, frame=11)
     )
     assert_surrounds(frame.views, frame.camera.world_from_view)
     assert np.allclose(frame.camera.world_from_view[:3, 3], (0.4, -0.1, 1.2), atol=CAPTURED_GEOMETRY)

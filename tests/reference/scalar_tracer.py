@@ -11,13 +11,15 @@ import math
 
 from ssgi_addon.core import tracer
 from ssgi_addon.core.depth_field import DepthField
+from ssgi_addon.core.slabs import JUST_BEFORE
 
 
 def trace_ray(field: DepthField, origin, direction, max_distance=math.inf, starts_on_surface=True):
     """Return (status, flat pixel or -1, distance, hidden) of one view-space ray.
 
-    `hidden` is the distance at which it enters the first cell that it passes behind, +inf for none. A ray
-    that starts on a surface has its origin over the frame; others may come in from outside.
+    `hidden` is the distance at which it enters the first cell that it passes behind, or just before it enters
+    a slab other than through its front, +inf for neither. A ray that starts on a surface has its origin over
+    the frame; others may come in from outside.
     """
     camera = field.camera
     width, height = camera.width, camera.height
@@ -63,7 +65,10 @@ def trace_ray(field: DepthField, origin, direction, max_distance=math.inf, start
             answer = _meet(field, ix, iy, (x0, y0, q0), (vx, vy, vq), (dx, dy, dz), s, s_out, home)
             if answer is not None:
                 status, s_hit = answer
-                return status, iy * width + ix, distance_at(s_hit), hidden
+                distance = distance_at(s_hit)
+                if _height(field, ix, iy, (x0, y0, q0), (vx, vy, vq), s) <= 0.0:  # not through the front
+                    hidden = min(hidden, distance * JUST_BEFORE)
+                return status, iy * width + ix, distance, hidden
             if hidden == math.inf and _passes_behind(field, ix, iy, (x0, y0, q0), (vx, vy, vq), s, s_out):
                 hidden = distance_at(s)
         if s_out >= s_stop == s_vanish:

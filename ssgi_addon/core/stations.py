@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where to look from so that rays find what the frame hides: stations in the open, chosen one by one.
+
+A quick pass sends a few rays from the frame. Where one goes out of sight, behind something or into it, a view
+from elsewhere is worth most that sees this very point in the open, and sees it along the ray: then it also
+sees the front of what the ray meets next. So each candidate is scored by the rays that it would win back, the
+best one is taken, the rays it wins count no more, and so on: the greedy choice for covering a set, which is
+within 1 - 1/e of the best one (Nemhauser, Wolsey and Fisher 1978).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .camera import Camera
+from .frame_points import surface_points
+from .gbuffer import GBuffer
+from .planner import is_colored
+from .sampling import cosine_directions, sample_square
+from .scene import TraceScene, View
+from .settings import Settings
+from .types import FloatArray
+
+# Pixels whose rays ask for views, and rays of each.
+_PIXELS, _RAYS = 512, 4
+# Places that are tried, and how far they lie on the way from a camera to a surface.
+_CANDIDATES = 96
+_NEAREST, _FARTHEST = 0.3, 0.9
+# Of the way to the point where a ray went out of sight: the point itself lies at the edge of what is open.
+_NEARLY = 0.97
+_SEED = 11
+# Where each face of a cube around a place looks, and what is up in it.
+CUBE_FACES = (
+    ((0, 0, -1), (0, 1, 0)),
+    ((1, 0, 0), (0, 1, 0)),
+    ((-1, 0, 0), (0, 1, 0)),
+    ((0, 0, 1), (0, 1, 0)),
+    ((0, 1, 0), (0, 0, 1)),
+    ((0, -1, 0), (0, 0, -1)),
+)
+
+
+def plan_stations(
+    gbuffer: GBuffer, camera: Camera, views: Sequence[View], settings: Settings, count: int
+) -> list[FloatArray]:
+    """Choose views of 90 degrees from elsewhere that see what the frame's diffuse rays lose.
+
+    Parameters
+    ----------
+    gbuffer, camera
+        The frame.
+    views
+        Those that there are already.
+    settings
+        Thickness, largest distance, threads.
+    count
+        Most views to return; fewer where no more rays are lost.
+
+    Returns
+    -------
+    list of (4, 4)
+        World matrices of the views, the most useful one first.
+    """
+    scene = TraceScene(gbuffer, camera, views, settings, notes_hidden=True)
+    point, direction = _lost_rays(scene, settings)
+    if not point.shape[1] or count < 1:
+        return []
+    place = _candidates(scene)
+    gain, face = _gains(scene, place, point, direction, settings.threads)
+    weight = np.ones(point.shape[1], dtype=gain.dtype)
+    poses = []
+    for _ in range(count):
+        score = np.stack([((gain * (face == side)) * weight).sum(axis=1) for side in range(len(CUBE_FACES))])
+        side, best = np.unravel_index(int(score.argmax()), score.shape)
+        if score[side, best] <= 0.0:
+            break
+        weight *= 1.0 - gain[best] * (face[best] == side)
+        gain[best] *= face[best] != side
+        poses.append(camera.world_from_view @ _standing_at(place[:, best]) @ facing(CUBE_FACES[side]))
+    return poses
+
+
+def _lost_rays(scene: TraceScene, settings: Settings) -> tuple[FloatArray, FloatArray]:
+    """Return where some of the frame's diffuse rays go out of sight, and their directions, (3, N) each."""
+    gbuffer, camera = scene.views[0].layers[0], scene.views[0].camera
+    pixel = np.flatnonzero(~gbuffer.is_background & is_colored(gbuffer.albedo))
+    random = np.random.default_rng(_SEED)
+    pixel = np.sort(random.choice(pixel, min(_PIXELS, pixel.size), replace=False))
+    origin, normal = surface_points(gbuffer, camera, pixel)
+    u, v = sample_square(pixel, camera.width, _RAYS, settings.seed, gbuffer.depth.dtype)
+    direction = cosine_directions(u, v, normal).reshape(3, -1)
+    origin = np.repeat(origin[:, None], _RAYS, axis=1).reshape(3, -1)
+    merged = scene.merge(origin, direction, threads=settings.threads)
+    is_lost = merged.is_uncertain() & np.isfinite(merged.open_until)
+    lost = np.flatnonzero(is_lost)
+    direction = direction.take(lost, axis=1)
+    return origin.take(lost, axis=1) + direction * merged.open_until.take(lost), direction
+
+
+def _candidates(scene: TraceScene) -> FloatArray:
+    """Return places in the open (3, N), in the frame's view space: on the way to what views show."""
+    random = np.random.default_rng(_SEED)
+    pose = np.linalg.inv(scene.views[0].camera.world_from_view)
+    found = []
+    each = -(-_CANDIDATES // len(scene.views))
+    for view in scene.views:
+        gbuffer, camera = view.layers[0], view.camera
+        pixel = np.flatnonzero(~gbuffer.is_background)
+        if not pixel.size:
+            continue
+        pixel = random.choice(pixel, each)
+        row, column = np.divmod(pixel, camera.width)
+        depth = gbuffer.depth.reshape(-1).take(pixel) * random.uniform(_NEAREST, _FARTHEST, each)
+        place = camera.pixel_to_view(column + 0.5, row + 0.5, depth)
+        move = pose @ camera.world_from_view
+        found.append(move[:3, :3] @ place.T + move[:3, 3:])
+    return np.concatenate(found, axis=1).astype(scene.dtype)
+
+
+def _gains(
+    scene: TraceScene, place: FloatArray, point: FloatArray, direction: FloatArray, threads: int | None
+) -> tuple[FloatArray, FloatArray]:
+    """Return how well each place (rows) sees where each ray was lost, 0..1, and in which face."""
+    toward = point[:, None, :] - place[:, :, None]
+    distance = np.sqrt((toward * toward).sum(axis=0))
+    toward /= np.maximum(distance, np.finfo(distance.dtype).tiny)
+    start = np.ascontiguousarray(np.broadcast_to(place[:, :, None], toward.shape)).reshape(3, -1)
+    open_until = scene.open_from(start, toward.reshape(3, -1), threads).reshape(distance.shape)
+    along = (toward * direction[:, None, :]).sum(axis=0)
+    gain = np.maximum(along, 0.0) * (open_until >= _NEARLY * distance)
+    axes = np.stack([np.tensordot(np.array(forward), toward, axes=1) for forward, _ in CUBE_FACES])
+    return gain.astype(scene.dtype), axes.argmax(axis=0)
+
+
+def facing(face: tuple[tuple[int, int, int], tuple[int, int, int]]) -> FloatArray:
+    """Return the (4, 4) rotation of a view that looks out of a face of `CUBE_FACES`."""
+    forward, up = face
+    turn = np.eye(4)
+    turn[:3, :3] = np.column_stack([np.cross(forward, up), up, np.negative(forward)])
+    return turn
+
+
+def _standing_at(place: FloatArray) -> FloatArray:
+    pose = np.eye(4)
+    pose[:3, 3] = place
+    return pose
