@@ -20,7 +20,7 @@ from ssgi_addon.core.metrics import relmse
 from ssgi_addon.core.scene import TraceScene
 from ssgi_addon.frame import CapturedFrame
 from tests.core.synthetic import Plane, Sphere, capture
-from tests.tolerances import CLOSED_FORM_RELATIVE, METRIC_RELATIVE, TRUE_HITS_RIGHT
+from tests.tolerances import CLOSED_FORM_RELATIVE, METRIC_RELATIVE, NOISE_LEFT, TRUE_HITS_RIGHT
 
 SIZE, RAYS = (96, 72), 3000
 BACKWARDS = np.diag([-1.0, 1.0, -1.0, 1.0])
@@ -144,7 +144,7 @@ def test_error_without_noise_is_the_error_where_there_is_none(rng):
     image = truth * rng.uniform(0.5, 1.5, truth.shape)
     counts = rng.uniform(size=truth.shape[:2]) < 0.7
     expected = relmse(image, truth, mask=counts)
-    found = relmse_without_noise(image, np.stack([truth, truth]), counts)
+    found = relmse_without_noise(image, np.stack([truth, truth]), counts, radius=0)
     assert found == pytest.approx(expected, rel=METRIC_RELATIVE)
 
 
@@ -153,10 +153,29 @@ def test_noise_of_the_halves_is_not_in_the_error(rng):
     halves = truth + 0.1 * rng.standard_normal((2, *truth.shape))
     counts = np.ones(truth.shape[:2], bool)
     own = relmse(truth, halves.mean(axis=0), mask=counts)
-    assert abs(relmse_without_noise(truth, halves, counts)) < CLOSED_FORM_RELATIVE * own
-    error = relmse_without_noise(1.1 * truth, halves, counts)
-    # With noise e of variance 0.005 the mean of (0.1 - e)^2 (1 - 2 e + 3 e^2), but for that of e^2
-    assert error == pytest.approx((0.01 * 1.015 + 0.4 * 0.005) / 1.01, rel=CLOSED_FORM_RELATIVE)
+    assert abs(relmse_without_noise(truth, halves, counts)) < NOISE_LEFT * own
+    error = relmse_without_noise(1.2 * truth, halves, counts)
+    assert error == pytest.approx(0.2**2 / 1.01, rel=CLOSED_FORM_RELATIVE)
+
+
+def test_dark_noise_does_not_favour_dark_images(rng):
+    truth = np.ones((128, 128, 3))
+    halves = rng.gamma(0.5, 2.0, (2, *truth.shape))
+    counts = np.ones(truth.shape[:2], bool)
+    right, dark = (relmse_without_noise(image, halves, counts) for image in (truth, 0.6 * truth))
+    assert right < dark
+    # What the scale is for: by single pixels it is the other way round
+    right, dark = (relmse_without_noise(image, halves, counts, radius=0) for image in (truth, 0.6 * truth))
+    assert right > dark
+
+
+def test_scale_comes_from_pixels_of_the_mask():
+    truth = np.ones((20, 20, 3))
+    counts = np.zeros(truth.shape[:2], bool)
+    counts[:, :10] = True
+    black = truth * counts[..., None]
+    error = relmse_without_noise(0.0 * truth, np.stack([black, black]), counts)
+    assert error == pytest.approx(1 / (1 + 0.01 * 0.5**2), rel=METRIC_RELATIVE)
 
 
 def test_benchmark_reports_what_further_views_bring(tmp_path, monkeypatch, capsys):
