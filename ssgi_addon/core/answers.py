@@ -15,7 +15,7 @@ from .types import BoolArray, FloatArray, IntArray, StatusArray
 
 # Distances that differ by less are one: each view computes them in its own space.
 _TOUCHING = 1.0 + 1e-4
-# What lies before this part of the open stretch is not there; nearer to its end, views differ by their pixels.
+# What lies before this part of the open stretch is not there; nearer to its end views differ by their pixels.
 _SURELY_BEFORE = 0.98
 
 
@@ -73,8 +73,9 @@ class MergedAnswers:
     """The nearest answer that several fields give to the same rays.
 
     What a view saw a ray pass in the open, in front of all its surfaces, is empty, whatever another view
-    guesses to be there that has lost sight of the ray: a hit on entry, or something in the way. Beyond what any view saw, a ray that one field blocks at distance t takes
-    hits of the others up to t plus the blocking surface's thickness.
+    guesses to be there that has lost sight of the ray: a hit on entry, or something in the way. Beyond what
+    any view saw, a ray that one field blocks at distance t takes hits of the others up to t plus the blocking
+    surface's thickness.
     """
 
     def __init__(self, count: int, dtype: np.dtype[Any]) -> None:
@@ -145,17 +146,25 @@ class MergedAnswers:
         return only_hits(np.select(cases, kinds, np.int8(tracer.UNKNOWN)), texel, nearest, x, y, texels)
 
 
-def sight_through_layers(found: Sequence[tracer.TraceResult]) -> FloatArray:
-    """Return how far rays lie in the open for a view with layers, front first, all traced from one place.
+def sight_through_layers(found: Sequence[tracer.TraceResult], followed: Sequence[IntArray]) -> FloatArray:
+    """Return how far rays lie in the open for a view with layers.
 
     Behind the back of what the front layer shows, a ray is in the open again as long as it is in front of the
     next layer.
+
+    Parameters
+    ----------
+    found
+        What each layer answers, front first.
+    followed
+        Which of the rays of one layer the next one was asked about, as indices; one entry less than `found`.
     """
-    end: FloatArray | None = None
-    for layer in reversed(found):
-        in_sight = layer.hidden if end is None else np.maximum(layer.hidden, end)
+    *fronts, last = found
+    end = np.minimum(last.distance, last.hidden)
+    for layer, asked in zip(reversed(fronts), reversed(followed), strict=True):
+        in_sight = layer.hidden.copy()
+        in_sight[asked] = np.maximum(in_sight.take(asked), end)
         end = np.minimum(layer.distance, in_sight)
-    assert end is not None  # every view has a layer
     return end
 
 

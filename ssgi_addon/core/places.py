@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -71,14 +71,16 @@ class Place:
 
     def __init__(self, views: Sequence[PlacedView], members: Sequence[int]) -> None:
         self.views, self.members = views, tuple(members)
-        groups: dict[tuple[int, int, bool], list[tuple[int, int]]] = {}
+        groups: dict[tuple[int, int, int, bool], list[int]] = {}
         for index in members:
             camera = views[index].camera
-            kind = (camera.width, camera.height, camera.is_orthographic)
-            groups.setdefault(kind, []).extend((index, layer) for layer in range(len(views[index].fields)))
+            for layer in range(len(views[index].fields)):
+                kind = (layer, camera.width, camera.height, camera.is_orthographic)
+                groups.setdefault(kind, []).append(index)
+        # Front layers first: only what is out of their sight is looked for in the next ones
         self.stacks = [
-            (FieldStack([views[view].fields[layer] for view, layer in shown]), shown)
-            for shown in groups.values()
+            _Stack(layer, shown, FieldStack([views[view].fields[layer] for view in shown]))
+            for (layer, *_), shown in sorted(groups.items(), key=lambda group: group[0][0])
         ]
 
     def follow(
@@ -90,37 +92,29 @@ class Place:
         threads: int | None,
     ) -> None:
         """Trace rays through all views of this place but their own, and take in what these answer."""
-        seen: dict[int, list[tuple[_Visit, tracer.TraceResult]]] = {}
-        for stack, shown in self.stacks if rays.number.size else ():
-            visits = [
-                _visit(self.views[view], layer, index, rays, limits.max_distance)
-                for index, (view, layer) in enumerate(shown)
-                if view != home
-            ]
-            if not visits:
-                continue
-            found = tracer.trace_visitors(
-                stack,
-                tracer.ScreenRays.joined([visit.rays for visit in visits]),
-                np.concatenate([visit.direction for visit in visits], axis=1),
-                max_steps=limits.max_steps,
-                march=limits.march,
-                threads=threads,
-            )
-            end = 0
+        seen: dict[int, list[_Visit]] = {}
+        for stack in self.stacks if rays.number.size else ():
+            visits = []
+            for index, view in enumerate(stack.shown):
+                if view == home:
+                    continue
+                if stack.layer == 0:
+                    visit = _visit(self.views[view], index, rays, limits.max_distance)
+                    seen[view] = [visit]
+                else:
+                    visit = seen[view][-1].onward(index)
+                    seen[view].append(visit)
+                visits.append(visit)
+            stack.trace(visits, limits, threads)
             for visit in visits:
-                part = slice(end, end + visit.ray.shape[0])
-                end = part.stop
-                result = _part(found, part, visit, visit.index * stack.pixels_per_field)
-                view, layer = shown[visit.index]
-                offset = self.views[view].offsets[layer]
-                merged.add(stack.fields[visit.index], offset, rays.number.take(visit.ray), result)
-                seen.setdefault(view, []).append((visit, result))
+                view = stack.shown[visit.index]
+                offset = self.views[view].offsets[stack.layer]
+                merged.add(stack.fields.fields[visit.index], offset, rays.number.take(visit.ray), visit.found)
         for layers in seen.values():
-            # The same rays come into the sight of all layers of a view, at the same places
-            visit = layers[0][0]
-            in_sight = sight_through_layers([result for _, result in layers])
-            merged.see(Sight(rays.number.take(visit.ray), visit.enters, in_sight))
+            in_sight = sight_through_layers(
+                [visit.found for visit in layers], [visit.asked for visit in layers[1:]]
+            )
+            merged.see(Sight(rays.number.take(layers[0].ray), layers[0].enters, in_sight))
 
 
 def places_of(views: Sequence[PlacedView]) -> list[Place]:
@@ -148,11 +142,12 @@ def _is_at(first: PlacedView, second: PlacedView) -> bool:
     return bool(np.linalg.norm(apart) <= _SAME_PLACE * nearest)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class _Visit:
-    """Rays that enter a field of another view: which, from where on, and how they look there.
+    """Rays that enter a field of another view: which, from where on, how they look there, what they find.
 
-    They are followed from `begin` on, and come over the view's frame at `enters`.
+    They are followed from `begin` on, and come over the view's frame at `enters`. For a layer behind, `asked`
+    are those among the rays of the layer before.
     """
 
     index: int  # of the field in its stack
@@ -161,9 +156,60 @@ class _Visit:
     enters: FloatArray
     rays: tracer.ScreenRays
     direction: FloatArray
+    asked: IntArray
+    found: tracer.TraceResult
+
+    def onward(self, index: int) -> _Visit:
+        """Return the rays that went out of this layer's sight, for the next one."""
+        asked = np.flatnonzero(self.found.hidden < np.inf)
+        return _Visit(
+            index,
+            self.ray.take(asked),
+            self.begin.take(asked),
+            self.enters.take(asked),
+            replace(self.rays.only(asked), field=np.full_like(asked, index)),
+            self.direction.take(asked, axis=1),
+            asked,
+            tracer.TraceResult.empty(0, self.begin.dtype),
+        )
 
 
-def _visit(view: PlacedView, layer: int, index: int, rays: OnwardRays, max_distance: float) -> _Visit:
+@dataclass(frozen=True, eq=False)
+class _Stack:
+    """Fields of one layer, size and projection, and the views that show them."""
+
+    layer: int
+    shown: list[int]
+    fields: FieldStack
+
+    def trace(self, visits: Sequence[_Visit], limits: TraceLimits, threads: int | None) -> None:
+        """Follow the rays of all visits in one walk, and let each keep what its rays find."""
+        if not visits:
+            return
+        found = tracer.trace_visitors(
+            self.fields,
+            tracer.ScreenRays.joined([visit.rays for visit in visits]),
+            np.concatenate([visit.direction for visit in visits], axis=1),
+            max_steps=limits.max_steps,
+            march=limits.march,
+            threads=threads,
+        )
+        end = 0
+        for visit in visits:
+            part = slice(end, end + visit.ray.shape[0])
+            end = part.stop
+            # Distances from the rays' origins, pixels of the visit's own field
+            visit.found = tracer.TraceResult(
+                found.status[part],
+                found.pixel[part] - visit.index * self.fields.pixels_per_field,
+                found.distance[part] + visit.begin,
+                found.x_px[part],
+                found.y_px[part],
+                found.hidden[part] + visit.begin,
+            )
+
+
+def _visit(view: PlacedView, index: int, rays: OnwardRays, max_distance: float) -> _Visit:
     """Express rays in a view's space, those that come into its sight after they begin."""
     rows = [[float(value) for value in row] for row in move_between(rays.camera, view.camera)[:3]]
     (ox, oy, oz), (dx, dy, dz) = rays.origin_vs, rays.direction_vs
@@ -173,23 +219,14 @@ def _visit(view: PlacedView, layer: int, index: int, rays: OnwardRays, max_dista
     reaching = np.flatnonzero(begin < max_distance)
     begin, turned = begin.take(reaching), turned.take(reaching, axis=1)
     moved = moved.take(reaching, axis=1) + turned * begin
-    lines = tracer.project_rays(view.fields[layer], moved, turned, max_distance - begin, index)
+    lines = tracer.project_rays(view.fields[0], moved, turned, max_distance - begin, index)
     # Some come over the frame's rectangle only beyond their vanishing points
     seen = np.flatnonzero(lines.s_begin < np.minimum(lines.s_vanish, lines.s_limit))
     lines, begin = lines.only(seen), begin.take(seen)
     enters = begin + lines.entry_distance(view.camera.is_orthographic)
-    return _Visit(index, reaching.take(seen), begin, enters, lines, turned.take(seen, axis=1))
-
-
-def _part(found: tracer.TraceResult, part: slice, visit: _Visit, first_pixel: int) -> tracer.TraceResult:
-    """Return what one visit found, with distances from the rays' origins and pixels of its own field."""
-    return tracer.TraceResult(
-        found.status[part],
-        found.pixel[part] - first_pixel,
-        found.distance[part] + visit.begin,
-        found.x_px[part],
-        found.y_px[part],
-        found.hidden[part] + visit.begin,
+    nothing = tracer.TraceResult.empty(0, begin.dtype)
+    return _Visit(
+        index, reaching.take(seen), begin, enters, lines, turned.take(seen, axis=1), reaching, nothing
     )
 
 

@@ -36,7 +36,8 @@ class TraceScene:
     method
         As in `ReflectionSettings.method`.
     notes_hidden
-        Note where rays go out of the sight of their own view; None where views from elsewhere need it.
+        Note where rays go out of the sight of their own view; None where layers behind or views from
+        elsewhere need it.
     """
 
     def __init__(
@@ -74,7 +75,8 @@ class TraceScene:
                 layer = layer.behind
             self.views.append(placed)
         self.places = places_of(self.views)
-        self.notes_hidden = len(self.places) > 1 if notes_hidden is None else notes_hidden
+        needs_hidden = len(self.places) > 1 or any(len(view.fields) > 1 for view in self.views)
+        self.notes_hidden = needs_hidden if notes_hidden is None else notes_hidden
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -150,12 +152,7 @@ class TraceScene:
             merged.escapes[found.status == tracer.ESCAPED] = True
             left, end = found.distance, found.distance
         else:
-            layers = []
-            for field, offset in zip(view.fields, view.offsets, strict=True):
-                layers.append(self._trace(field, origin_vs, direction_vs, threads, advance))
-                merged.add(field, offset, everywhere, layers[-1])
-            left = np.where(layers[0].status == tracer.UNKNOWN, layers[0].distance, np.inf)
-            end = sight_through_layers(layers)
+            left, end = self._trace_layers(home, origin_vs, direction_vs, merged, threads, advance)
         merged.see(Sight(everywhere, np.zeros_like(end), end))
 
         def follow(place: Place, onward: IntArray, begin: FloatArray) -> None:
@@ -176,6 +173,37 @@ class TraceScene:
                 # What was in sight all the way to an answer needs no other view
                 follow(place, np.flatnonzero(merged.is_uncertain()), merged.open_until)
         return merged
+
+    def _trace_layers(
+        self,
+        home: int,
+        origin: FloatArray,
+        direction: FloatArray,
+        merged: MergedAnswers,
+        threads: int | None,
+        advance: parallel.Advance | None,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Trace rays through all layers of their own view and take in the answers.
+
+        Returns
+        -------
+        left : (N,)
+            Where rays left the frame unanswered; +inf for all others.
+        end : (N,)
+            Until where they were in sight.
+        """
+        view = self.views[home]
+        ray, found, followed = np.arange(origin.shape[1]), [], []
+        for field, offset in zip(view.fields, view.offsets, strict=True):
+            if found:
+                # What stayed in sight meets nothing in the layers behind
+                followed.append(np.flatnonzero(found[-1].hidden < np.inf))
+                ray = ray.take(followed[-1])
+                origin, direction = (vector.take(followed[-1], axis=1) for vector in (origin, direction))
+            found.append(self._trace(field, origin, direction, threads, advance))
+            merged.add(field, offset, ray, found[-1])
+        left = np.where(found[0].status == tracer.UNKNOWN, found[0].distance, np.inf)
+        return left.astype(origin.dtype), sight_through_layers(found, followed)
 
     def open_from(
         self, origin_vs: FloatArray, direction_vs: FloatArray, threads: int | None = 1

@@ -21,7 +21,7 @@ from .planner import is_colored
 from .sampling import cosine_directions, sample_square
 from .scene import TraceScene, View
 from .settings import Settings
-from .types import FloatArray
+from .types import FloatArray, IntArray
 
 # Pixels whose rays ask for views, and rays of each.
 _PIXELS, _RAYS = 512, 4
@@ -70,7 +70,7 @@ def plan_stations(
     place = _candidates(scene)
     gain, face = _gains(scene, place, point, direction, settings.threads)
     weight = np.ones(point.shape[1], dtype=gain.dtype)
-    poses = []
+    poses: list[FloatArray] = []
     for _ in range(count):
         score = np.stack([((gain * (face == side)) * weight).sum(axis=1) for side in range(len(CUBE_FACES))])
         side, best = np.unravel_index(int(score.argmax()), score.shape)
@@ -121,7 +121,7 @@ def _candidates(scene: TraceScene) -> FloatArray:
 
 def _gains(
     scene: TraceScene, place: FloatArray, point: FloatArray, direction: FloatArray, threads: int | None
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, IntArray]:
     """Return how well each place (rows) sees where each ray was lost, 0..1, and in which face."""
     toward = point[:, None, :] - place[:, :, None]
     distance = np.sqrt((toward * toward).sum(axis=0))
