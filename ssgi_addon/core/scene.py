@@ -193,7 +193,9 @@ class TraceScene:
             Until where they were in sight.
         """
         view = self.views[home]
-        ray, found, followed = np.arange(origin.shape[1]), [], []
+        found: list[tracer.TraceResult] = []
+        followed: list[IntArray] = []
+        ray = np.arange(origin.shape[1])
         for field, offset in zip(view.fields, view.offsets, strict=True):
             if found:
                 # What stayed in sight meets nothing in the layers behind
