@@ -101,13 +101,14 @@ def add_hidden_surfaces(
         seconds["back faces"] = time.perf_counter() - start
         start = time.perf_counter()
     if behind:
-        firsts = [found.first for found in _flat(second)]
-        flipped = Orientation([first.material for first in firsts], firsts).mostly_backs()
         layers = _layers_behind(
-            engine, scene, view_layer, takes, flipped, denoise, lambda: tell("Layer behind")
+            engine, scene, view_layer, takes, second, denoise, lambda: tell("Layer behind")
         )
         views = [
-            tuple((replace(gbuffer, behind=layer), camera) for (gbuffer, camera), layer in zip(*pair, strict=True))
+            tuple(
+                (replace(gbuffer, behind=layer), camera)
+                for (gbuffer, camera), layer in zip(*pair, strict=True)
+            )
             for pair in zip(views, layers, strict=True)
         ]
         seconds["behind"] = time.perf_counter() - start
@@ -153,10 +154,12 @@ def _layers_behind(
     scene: bpy.types.Scene,
     view_layer: bpy.types.ViewLayer,
     takes: Sequence[Take],
-    flipped: frozenset[int],
+    second: Sequence[Sequence[_SecondSurface]],
     denoise: bool,
     tell: Callable[[], None],
 ) -> list[list[GBuffer]]:
+    firsts = [found.first for found in _flat(second)]
+    flipped = Orientation([first.material for first in firsts], firsts).mostly_backs()
     with Restorer() as restorer:
         borrow_clear_air(restorer, view_layer)
         borrow_layer_behind(restorer, view_layer, flipped)
@@ -164,22 +167,33 @@ def _layers_behind(
         names = tuple({*GEOMETRY_PASSES, *engine.light_passes, *roughness.passes})
         borrow_passes(restorer, view_layer, names)
 
-        def capture(take: Take) -> Iterator[GBuffer]:
+        def capture(take: Take, surfaces: Sequence[_SecondSurface]) -> Iterator[GBuffer]:
             with Restorer() as aimed:
                 is_denoised = engine.borrow_light(
                     aimed, scene, view_layer, samples=take.samples, denoise=denoise
                 )
                 borrow_pixel_centers(aimed, scene)
-                for (front, camera), _ in zip(take.views, take.aim(aimed), strict=True):
+                for (front, camera), passed, _ in zip(take.views, surfaces, take.aim(aimed), strict=True):
                     tell()
                     layers = engine.render(scene, view_layer, names).layers
                     behind = gbuffer_from_passes(
                         layers, roughness.read(layers), camera, is_denoised=is_denoised
                     )
-                    is_there = is_beyond(behind.depth, front, camera)
-                    yield replace(behind, depth=np.where(is_there, behind.depth, np.float32(np.inf)))
+                    yield _only_beyond(behind, front, camera, passed, flipped)
 
-        return [list(capture(take)) for take in takes]
+        return [list(capture(*pair)) for pair in zip(takes, second, strict=True)]
+
+
+def _only_beyond(
+    behind: GBuffer, front: GBuffer, camera: Camera, passed: _SecondSurface, flipped: frozenset[int]
+) -> GBuffer:
+    """Leave out what is the first surface still, or a back face that was to be passed but is there twice."""
+    is_turned = np.isin(passed.second.material, list(flipped))
+    is_passed_back = passed.second.is_known & (passed.second.is_back != is_turned)
+    nearest = np.where(front.is_background, np.float32(1.0), front.depth)
+    nearest = np.where(is_passed_back, np.maximum(nearest, passed.depth), nearest)
+    is_there = is_beyond(behind.depth, nearest, front, camera)
+    return replace(behind, depth=np.where(is_there, behind.depth, np.float32(np.inf)))
 
 
 def _with_thickness(

@@ -24,8 +24,8 @@ FloatArray = NDArray[np.float32]
 
 # Passes take the first hit that is less transparent than this; at 0 that would be a surface looked through.
 _LEAST_OPACITY = 0.01
-# So many surfaces more than its own a camera ray may pass.
-_LOOKED_THROUGH = 2
+# So many bounces more a camera ray needs: two surfaces, and the last one must not be the limit.
+_LOOKED_THROUGH = 3
 # Nodes that let shadow rays through, besides a Principled BSDF with alpha; a script may do anything.
 _SEE_THROUGH = frozenset({"ShaderNodeBsdfTransparent", "ShaderNodeBsdfRayPortal", "ShaderNodeScript"})
 
@@ -115,16 +115,12 @@ def borrow_layer_behind(
 
 
 def _borrow_view(restorer: Restorer, view_layer: bpy.types.ViewLayer) -> None:
-    restorer.change(
-        view_layer, pass_alpha_threshold=max(view_layer.pass_alpha_threshold, _LEAST_OPACITY)
-    )
+    restorer.change(view_layer, pass_alpha_threshold=max(view_layer.pass_alpha_threshold, _LEAST_OPACITY))
     cycles = view_layer.id_data.cycles
     restorer.change(cycles, transparent_max_bounces=cycles.transparent_max_bounces + _LOOKED_THROUGH)
 
 
-def _borrow_aovs(
-    restorer: Restorer, view_layer: bpy.types.ViewLayer, wanted: SurfacePasses
-) -> SurfacePasses:
+def _borrow_aovs(restorer: Restorer, view_layer: bpy.types.ViewLayer, wanted: SurfacePasses) -> SurfacePasses:
     """Add AOVs; Blender appends a number where a name is taken."""
     names = []
     restorer.callback(setattr, view_layer, "active_aov_index", view_layer.active_aov_index)
