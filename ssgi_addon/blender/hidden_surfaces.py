@@ -23,6 +23,7 @@ from .roughness import borrow_roughness
 from .volumes import borrow_clear_air
 
 FloatArray = NDArray[np.float32]
+BoolArray = NDArray[np.bool_]
 View = tuple[GBuffer, Camera]
 Progress = Callable[[float, str], None]
 
@@ -179,21 +180,21 @@ def _layers_behind(
                     behind = gbuffer_from_passes(
                         layers, roughness.read(layers), camera, is_denoised=is_denoised
                     )
-                    yield _only_beyond(behind, front, camera, passed, flipped)
+                    is_there = _is_beyond_passed(behind.depth, front, camera, passed, flipped)
+                    yield replace(behind, depth=np.where(is_there, behind.depth, np.float32(np.inf)))
 
         return [list(capture(*pair)) for pair in zip(takes, second, strict=True)]
 
 
-def _only_beyond(
-    behind: GBuffer, front: GBuffer, camera: Camera, passed: _SecondSurface, flipped: frozenset[int]
-) -> GBuffer:
-    """Leave out what is the first surface still, or a back face that was to be passed but is there twice."""
+def _is_beyond_passed(
+    depth: FloatArray, front: GBuffer, camera: Camera, passed: _SecondSurface, flipped: frozenset[int]
+) -> BoolArray:
+    """Return where a depth is not the first surface's still, nor a back face's that is there twice."""
     is_turned = np.isin(passed.second.material, list(flipped))
     is_passed_back = passed.second.is_known & (passed.second.is_back != is_turned)
     nearest = np.where(front.is_background, np.float32(1.0), front.depth)
     nearest = np.where(is_passed_back, np.maximum(nearest, passed.depth), nearest)
-    is_there = is_beyond(behind.depth, nearest, front, camera)
-    return replace(behind, depth=np.where(is_there, behind.depth, np.float32(np.inf)))
+    return is_beyond(depth, nearest, front, camera)
 
 
 def _with_thickness(
