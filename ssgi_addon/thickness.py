@@ -100,9 +100,10 @@ def thickness_of(
     """Return the thickness (H, W) of visible surfaces, as in `GBuffer.thickness`.
 
     - The back of the same object behind its front: exactly what lies between them.
-    - A back behind a front, but of another object, or of one that shows both sides: what lies between them, or
-      the heuristic's thickness where that is less.
-    - Two fronts, or nothing behind: a sheet, as thin as the steps between its pixels allow. Small gaps are filled.
+    - A back behind a front, but of another object, or of one that shows both sides: what lies between them,
+      or the heuristic's thickness where that is less.
+    - Two fronts, or nothing behind: a sheet, as thin as the steps between its pixels allow. Small gaps are
+      filled.
     - Where the first surface could not be looked through: the heuristic's.
 
     Parameters
@@ -119,7 +120,7 @@ def thickness_of(
     depth = np.where(gbuffer.is_background, np.float32(1.0), gbuffer.depth)
     heuristic = Settings().thickness * _extent(depth, camera)
     sheet = _sheet(gbuffer, camera, depth, heuristic)
-    is_peeled = is_beyond(second_depth, gbuffer, camera) & first.is_known
+    is_peeled = is_beyond(second_depth, depth, gbuffer, camera) & first.is_known
     gap = np.where(is_peeled, second_depth - depth, np.float32(np.inf))
 
     share = things.share(first.thing)
@@ -135,12 +136,18 @@ def thickness_of(
     return np.where(gbuffer.is_background, 0.0, thickness).astype(np.float32)
 
 
-def is_beyond(depth: FloatArray, gbuffer: GBuffer, camera: Camera) -> BoolArray:
-    """Return (H, W) where a depth is that of another surface than the visible one, farther away.
+def is_beyond(depth: FloatArray, front: FloatArray, gbuffer: GBuffer, camera: Camera) -> BoolArray:
+    """Return (H, W) where one depth lies farther away than another one, as another surface does.
 
     Two surfaces closer than the samples' jitter tells apart count as one.
+
+    Parameters
+    ----------
+    depth, front : (H, W)
+        Two depths in each pixel.
+    gbuffer, camera
+        The visible surfaces, whose tilt says what jitter does to a depth.
     """
-    front = np.where(gbuffer.is_background, np.float32(1.0), gbuffer.depth)
     extent = _extent(front, camera)
     margin = np.minimum(_JITTER_PX * _slope(gbuffer, camera, front).sum(axis=0), _CLOSE * extent)
     beyond: BoolArray = (depth > front + margin + _ROUNDING * extent) & ~gbuffer.is_background

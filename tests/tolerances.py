@@ -50,6 +50,14 @@ MEAN_OF_NOISY_PIXELS = 0.1
 # (0.005 pixels of a face with 12) on surfaces that stand askew.
 SURROUND_DEPTH = 0.01
 
+# Distance from a front to a back face, scene units, at 5 units from the camera: two float32 depths, two
+# jitters of 0.005 pixels on sides that stand askew, and the facets of a ball.
+BACK_FACE = 1e-3
+
+# Radiance of a surface that another one hides, against the same light without it in the camera's way: the
+# same samples of the same lamp, and their rounding.
+PEELED_LIGHT = 1e-5
+
 # Distances along rays, relative, after a float64 walk and its scalar twin, which sum in another order.
 FLOAT64_DISTANCE = 1e-6
 

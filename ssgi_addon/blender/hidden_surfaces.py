@@ -23,6 +23,7 @@ from .roughness import borrow_roughness
 from .volumes import borrow_clear_air
 
 FloatArray = NDArray[np.float32]
+BoolArray = NDArray[np.bool_]
 View = tuple[GBuffer, Camera]
 Progress = Callable[[float, str], None]
 
@@ -101,10 +102,8 @@ def add_hidden_surfaces(
         seconds["back faces"] = time.perf_counter() - start
         start = time.perf_counter()
     if behind:
-        firsts = [found.first for found in _flat(second)]
-        flipped = Orientation([first.material for first in firsts], firsts).mostly_backs()
         layers = _layers_behind(
-            engine, scene, view_layer, takes, flipped, denoise, lambda: tell("Layer behind")
+            engine, scene, view_layer, takes, second, denoise, lambda: tell("Layer behind")
         )
         views = [
             tuple(
@@ -156,10 +155,12 @@ def _layers_behind(
     scene: bpy.types.Scene,
     view_layer: bpy.types.ViewLayer,
     takes: Sequence[Take],
-    flipped: frozenset[int],
+    second: Sequence[Sequence[_SecondSurface]],
     denoise: bool,
     tell: Callable[[], None],
 ) -> list[list[GBuffer]]:
+    firsts = [found.first for found in _flat(second)]
+    flipped = Orientation([first.material for first in firsts], firsts).mostly_backs()
     with Restorer() as restorer:
         borrow_clear_air(restorer, view_layer)
         borrow_layer_behind(restorer, view_layer, flipped)
@@ -167,22 +168,33 @@ def _layers_behind(
         names = tuple({*GEOMETRY_PASSES, *engine.light_passes, *roughness.passes})
         borrow_passes(restorer, view_layer, names)
 
-        def capture(take: Take) -> Iterator[GBuffer]:
+        def capture(take: Take, surfaces: Sequence[_SecondSurface]) -> Iterator[GBuffer]:
             with Restorer() as aimed:
                 is_denoised = engine.borrow_light(
                     aimed, scene, view_layer, samples=take.samples, denoise=denoise
                 )
                 borrow_pixel_centers(aimed, scene)
-                for (front, camera), _ in zip(take.views, take.aim(aimed), strict=True):
+                for (front, camera), passed, _ in zip(take.views, surfaces, take.aim(aimed), strict=True):
                     tell()
                     layers = engine.render(scene, view_layer, names).layers
                     behind = gbuffer_from_passes(
                         layers, roughness.read(layers), camera, is_denoised=is_denoised
                     )
-                    is_there = is_beyond(behind.depth, front, camera)
+                    is_there = _is_beyond_passed(behind.depth, front, camera, passed, flipped)
                     yield replace(behind, depth=np.where(is_there, behind.depth, np.float32(np.inf)))
 
-        return [list(capture(take)) for take in takes]
+        return [list(capture(*pair)) for pair in zip(takes, second, strict=True)]
+
+
+def _is_beyond_passed(
+    depth: FloatArray, front: GBuffer, camera: Camera, passed: _SecondSurface, flipped: frozenset[int]
+) -> BoolArray:
+    """Return where a depth is not the first surface's still, nor a back face's that is there twice."""
+    is_turned = np.isin(passed.second.material, list(flipped))
+    is_passed_back = passed.second.is_known & (passed.second.is_back != is_turned)
+    nearest = np.where(front.is_background, np.float32(1.0), front.depth)
+    nearest = np.where(is_passed_back, np.maximum(nearest, passed.depth), nearest)
+    return is_beyond(depth, nearest, front, camera)
 
 
 def _with_thickness(

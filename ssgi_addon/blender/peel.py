@@ -18,16 +18,14 @@ from numpy.typing import NDArray
 from ..thickness import SurfaceIdentity
 from .cycles_passes import CYCLES
 from .restore import Restorer
-from .shader_trees import active_link, nodes_with_groups, shaded_materials
+from .shader_trees import active_link, shaded_materials
 
 FloatArray = NDArray[np.float32]
 
 # Passes take the first hit that is less transparent than this; at 0 that would be a surface looked through.
 _LEAST_OPACITY = 0.01
-# So many surfaces more than its own a camera ray may pass.
-_LOOKED_THROUGH = 2
-# Nodes that let shadow rays through, besides a Principled BSDF with alpha; a script may do anything.
-_SEE_THROUGH = frozenset({"ShaderNodeBsdfTransparent", "ShaderNodeBsdfRayPortal", "ShaderNodeScript"})
+# So many bounces more a camera ray needs: two surfaces, and the last one must not be the limit.
+_LOOKED_THROUGH = 3
 
 
 @dataclass(frozen=True)
@@ -81,8 +79,8 @@ def borrow_second_surface(
         SurfacePasses("SSGI Second Surface", "SSGI Second Object"),
     )
     passes = tuple(_borrow_aovs(restorer, view_layer, item) for item in passes)
-    for number, material in enumerate(_peelable_materials()):
-        peel = _Peel(restorer, material)
+    for number, tree in enumerate(_peelable_trees()):
+        peel = _Peel(restorer, tree)
         is_first = peel.is_before(1)
         peel.look_through(is_first)
         peel.tell(passes[0], is_first, number)
@@ -105,8 +103,8 @@ def borrow_layer_behind(
         back faces are the front.
     """
     _borrow_view(restorer, view_layer)
-    for number, material in enumerate(_peelable_materials()):
-        peel = _Peel(restorer, material)
+    for number, tree in enumerate(_peelable_trees()):
+        peel = _Peel(restorer, tree)
         leaves = peel.is_back
         if number in flipped:
             leaves = peel.math("SUBTRACT", 1.0, leaves)
@@ -137,10 +135,10 @@ def _remove_aov(view_layer: bpy.types.ViewLayer, name: str) -> None:
     view_layer.aovs.remove(view_layer.aovs[name])
 
 
-def _peelable_materials() -> list[bpy.types.Material]:
-    """Return the materials whose surface comes from something that is linked to an output for Cycles."""
+def _peelable_trees() -> list[bpy.types.NodeTree]:
+    """Return the nodes of materials whose surface is linked to an output for Cycles."""
     return [
-        material
+        material.node_tree
         for material in shaded_materials()
         if (output := material.node_tree.get_output_node(CYCLES)) is not None
         and active_link(output.inputs["Surface"]) is not None
@@ -150,13 +148,10 @@ def _peelable_materials() -> list[bpy.types.Material]:
 class _Peel:
     """The nodes that are added to one material; a `Restorer` takes them away again."""
 
-    def __init__(self, restorer: Restorer, material: bpy.types.Material) -> None:
-        self._restorer, self._tree = restorer, material.node_tree
+    def __init__(self, restorer: Restorer, tree: bpy.types.NodeTree) -> None:
+        self._restorer, self._tree = restorer, tree
         self._light_path = self._new("ShaderNodeLightPath")
         self.is_back = self._new("ShaderNodeNewGeometry").outputs["Backfacing"]
-        if not _may_be_see_through(material.node_tree):
-            # Cycles would ask the shader of everything in the way of light whether it lets some through
-            restorer.change(material, use_transparent_shadow=False)
 
     def is_before(self, count: int) -> bpy.types.NodeSocket:
         """Return 1 for camera rays that have passed fewer than `count` transparent surfaces, else 0."""
@@ -218,15 +213,3 @@ class _Peel:
         node = self._tree.nodes.new(kind)
         self._restorer.callback(self._tree.nodes.remove, node)
         return node
-
-
-def _may_be_see_through(tree: bpy.types.NodeTree) -> bool:
-    """Whether light may pass the surface without a bounce."""
-    return any(
-        node.bl_idname in _SEE_THROUGH
-        or (
-            node.bl_idname == "ShaderNodeBsdfPrincipled"
-            and (node.inputs["Alpha"].is_linked or node.inputs["Alpha"].default_value < 1.0)
-        )
-        for node in nodes_with_groups(tree)
-    )
