@@ -38,6 +38,8 @@ class CapturedFrame:
         Captured passes by Blender's long names, ``(H, W, 3)`` or ``(H, W)``.
     seconds
         Wall time of each capture step.
+    skipped
+        What was not captured and why, as (what, why).
     notes
         What the user should know about this capture, one sentence each.
     """
@@ -52,4 +54,5 @@ class CapturedFrame:
     view_names: tuple[str, ...] = ()
     layers: Mapping[str, np.ndarray[Any, Any]] = field(default_factory=dict)
     seconds: Mapping[str, float] = field(default_factory=dict)
+    skipped: tuple[tuple[str, str], ...] = ()
     notes: tuple[str, ...] = ()

@@ -77,6 +77,7 @@ def write_passes(
         "views": views,
         "layers": list(frame.layers),
         "seconds": dict(frame.seconds),
+        "skipped": [list(pair) for pair in frame.skipped],
         "notes": list(frame.notes),
     }
     write_json(path.with_suffix(".json"), data)
@@ -183,6 +184,7 @@ def _own_frame(path: Path, layers: Pixels, data: Mapping[str, Any], camera: Came
             view_names=tuple(view.get("name", "view") for view in data["views"]),
             layers={name: layers[name] for name in data["layers"]},
             seconds=data["seconds"],
+            skipped=tuple((what, why) for what, why in data.get("skipped", ())),
             notes=tuple(data["notes"]),
         )
     except KeyError as error:

@@ -3,84 +3,30 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import Camera, Environment, Settings
-from ..core.stations import plan_stations
+from ..core import Camera, Environment
 from ..frame import CapturedFrame
-from ..view_cameras import overscan_camera, square_camera, surround_cameras
+from .beyond import BeyondTheFrame
+from .capture_options import CaptureOptions
 from .capture_notes import capture_notes
 from .cycles_passes import RenderedPasses
 from .engines import Engine, engine_named
 from .gbuffer import gbuffer_from_passes
-from .hidden_surfaces import Take, add_hidden_surfaces
-from .light_views import light_cameras
 from .render_settings import borrow_passes, borrow_pixel_centers, borrow_scene
 from .restore import Restorer
 from .roughness import borrow_roughness
-from .views import borrow_cameras, capture_views
 from .volumes import borrow_clear_air
+
+__all__ = ["CaptureOptions", "capture_frame"]
 
 FloatArray = NDArray[np.float32]
 Progress = Callable[[float, str], None]
-
-
-@dataclass(frozen=True)
-class CaptureOptions:
-    """What to capture.
-
-    Attributes
-    ----------
-    engine
-        ``"cycles"`` or ``"eevee"``.
-    samples
-        Per pixel, of the direct light.
-    denoise
-        Denoise the direct light where this build of Blender has a denoiser; EEVEE's is never denoised.
-    resolution
-        Width and height, pixels; None means the scene's resolution and percentage.
-    frame
-        Frame number; None means the current one.
-    view_layer
-        Name; None means the active one, or the first that renders.
-    overscan
-        How many times as wide and high as the frame one more view is, with as many pixels; 1 captures none.
-    surround
-        Width and height of each of the six views around the camera, pixels; 0 captures none.
-    stations
-        Most views from elsewhere that show what the frame's rays lose sight of.
-    light_views
-        Most views from lamps, the strongest first.
-    view_size
-        Width and height of stations and light views, pixels.
-    view_samples
-        Per pixel, of the light in all views beyond the frame.
-    back_faces
-        Capture how thick the visible surfaces are (Cycles), in all views.
-    behind
-        Capture the layer behind the visible surfaces with its light (Cycles), in all views.
-    """
-
-    engine: str = "cycles"
-    samples: int = 16
-    denoise: bool = True
-    resolution: tuple[int, int] | None = None
-    frame: int | None = None
-    view_layer: str | None = None
-    overscan: float = 1.0
-    surround: int = 0
-    stations: int = 0
-    light_views: int = 0
-    view_size: int = 128
-    view_samples: int = 4
-    back_faces: bool = False
-    behind: bool = False
 
 
 def capture_frame(
@@ -131,9 +77,7 @@ def capture_frame(
         notes = capture_notes(scene)
         frame = _assemble(engine, geometry, roughness, light, is_denoised, notes)
         frame = replace(frame, environment=_environment(world, frame.camera))
-        frame = _add_views(engine, frame, scene, view_layer, options, report)
-        if options.back_faces or options.behind:
-            frame = _add_hidden_surfaces(engine, frame, scene, view_layer, options, report)
+        frame = BeyondTheFrame(engine, scene, view_layer, options, report).added_to(frame)
     if options.denoise and engine.denoises and not is_denoised:
         note = "This Blender has no denoiser: the direct light is not denoised."
         frame = replace(frame, notes=(*frame.notes, note))
@@ -168,105 +112,6 @@ def _capture_light(
         )
         borrow_passes(restorer, view_layer, engine.light_passes)
         return engine.render(scene, view_layer, engine.light_passes), is_denoised
-
-
-def _add_views(
-    engine: Engine,
-    frame: CapturedFrame,
-    scene: bpy.types.Scene,
-    view_layer: bpy.types.ViewLayer,
-    options: CaptureOptions,
-    report: Progress,
-) -> CapturedFrame:
-    """Return the frame with the views beyond it, none where no surface could send rays into them."""
-    if frame.gbuffer.is_background.all():
-        return frame
-    planners = {
-        "overscan": lambda _: _overscan(frame.camera, options),
-        "surround": lambda _: _surround(frame, scene, options),
-        "lights": lambda _: light_cameras(scene, frame, options.light_views, options.view_size),
-        "stations": lambda known: _stations(known, options),
-    }
-    for step, (name, plan) in enumerate(planners.items()):
-        begun = time.perf_counter()
-        cameras = plan(frame)
-        if not cameras:
-            continue
-        seconds = time.perf_counter() - begun
-        views, rendering = capture_views(
-            engine,
-            scene,
-            view_layer,
-            cameras,
-            samples=options.view_samples,
-            denoise=options.denoise,
-            progress=lambda fraction: report(0.6 + 0.05 * (step + fraction), name.capitalize()),
-        )
-        frame = replace(
-            frame,
-            views=(*frame.views, *views),
-            view_names=(*frame.view_names, *[name] * len(views)),
-            seconds={**frame.seconds, name: seconds + rendering},
-        )
-    return frame
-
-
-def _overscan(camera: Camera, options: CaptureOptions) -> list[Camera]:
-    return [overscan_camera(camera, options.overscan)] if options.overscan > 1.0 else []
-
-
-def _surround(frame: CapturedFrame, scene: bpy.types.Scene, options: CaptureOptions) -> list[Camera]:
-    if not options.surround:
-        return []
-    nearest = float(frame.gbuffer.depth.min())
-    return surround_cameras(frame.camera, nearest, scene.camera.data.clip_start, options.surround)
-
-
-def _stations(frame: CapturedFrame, options: CaptureOptions) -> list[Camera]:
-    poses = plan_stations(frame.gbuffer, frame.camera, frame.views, Settings(), options.stations)
-    return [square_camera(pose, options.view_size) for pose in poses]
-
-
-def _add_hidden_surfaces(
-    engine: Engine,
-    frame: CapturedFrame,
-    scene: bpy.types.Scene,
-    view_layer: bpy.types.ViewLayer,
-    options: CaptureOptions,
-    report: Progress,
-) -> CapturedFrame:
-    """Return the frame and its views with what stands behind the visible surfaces."""
-    if engine.name != "cycles":
-        note = "Only Cycles can look behind surfaces: their back faces and the layer behind are left out."
-        return replace(frame, notes=(*frame.notes, note))
-    if frame.gbuffer.is_background.all():
-        return frame
-    takes = [Take(((frame.gbuffer, frame.camera),), lambda _: iter([None]), options.samples)]
-    if frame.views:
-        cameras = [camera for _, camera in frame.views]
-        takes.append(
-            Take(
-                frame.views,
-                lambda restorer: borrow_cameras(restorer, scene, cameras),
-                options.view_samples,
-            )
-        )
-    (front, *around), seconds = add_hidden_surfaces(
-        engine,
-        scene,
-        view_layer,
-        takes,
-        back_faces=options.back_faces,
-        behind=options.behind,
-        denoise=options.denoise,
-        progress=lambda fraction, text: report(0.8 + 0.2 * fraction, text),
-    )
-    return replace(
-        frame,
-        gbuffer=front[0][0],
-        views=around[0] if around else (),
-        seconds={**frame.seconds, **seconds},
-    )
 
 
 def _environment(radiance: FloatArray | None, camera: Camera) -> Environment | None:

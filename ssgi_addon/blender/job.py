@@ -208,7 +208,9 @@ def _record(frame: int, picture: Picture, seconds: dict[str, float]) -> Report:
         "peak_memory_mb": peak_memory_mb(),
         "rays": dict(picture.light.rays),
         "known": float(np.mean(picture.light.known, dtype=np.float64)),
-        "skipped": [{"what": what, "why": why} for what, why in picture.light.skipped],
+        "skipped": [
+            {"what": what, "why": why} for what, why in (*picture.frame.skipped, *picture.light.skipped)
+        ],
         "notes": list(picture.frame.notes),
         "metrics": None,
     }

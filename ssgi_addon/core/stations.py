@@ -11,9 +11,11 @@ within 1 - 1/e of the best one (Nemhauser, Wolsey and Fisher 1978).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from . import tracer
 from .camera import Camera
 from .frame_points import surface_points
 from .gbuffer import GBuffer
@@ -42,50 +44,78 @@ CUBE_FACES = (
 )
 
 
-def plan_stations(
-    gbuffer: GBuffer, camera: Camera, views: Sequence[View], settings: Settings, count: int
-) -> list[FloatArray]:
-    """Choose views of 90 degrees from elsewhere that see what the frame's diffuse rays lose.
+@dataclass(frozen=True, eq=False)
+class LostRays:
+    """What a few of the frame's diffuse rays lose sight of.
+
+    Attributes
+    ----------
+    scene
+        The views that they were sent through.
+    left
+        Share of rays that no view answers: they left the sight of all.
+    hidden
+        Share of rays that went behind something, or into it, whatever they found then.
+    point, direction : (3, N)
+        Where those of both kinds went out of sight, and where they were going; in the frame's view space.
+    """
+
+    scene: TraceScene
+    left: float
+    hidden: float
+    point: FloatArray
+    direction: FloatArray
+
+    def stations(self, count: int, threads: int | None = None) -> list[FloatArray]:
+        """Choose views of 90 degrees from elsewhere that see what was lost.
+
+        Parameters
+        ----------
+        count
+            Most views to return; fewer where no more rays are lost.
+        threads
+            As in `Settings.threads`.
+
+        Returns
+        -------
+        list of (4, 4)
+            World matrices of the views, the most useful one first.
+        """
+        if not self.point.shape[1] or count < 1:
+            return []
+        place = _candidates(self.scene)
+        gain, face = _gains(self.scene, place, self.point, self.direction, threads)
+        weight = np.ones(self.point.shape[1], dtype=gain.dtype)
+        world_from_view = self.scene.views[0].camera.world_from_view
+        poses: list[FloatArray] = []
+        for _ in range(count):
+            sides = range(len(CUBE_FACES))
+            score = np.stack([((gain * (face == side)) * weight).sum(axis=1) for side in sides])
+            side, best = np.unravel_index(int(score.argmax()), score.shape)
+            if score[side, best] <= 0.0:
+                break
+            weight *= 1.0 - gain[best] * (face[best] == side)
+            gain[best] *= face[best] != side
+            poses.append(world_from_view @ _standing_at(place[:, best]) @ facing(CUBE_FACES[side]))
+        return poses
+
+
+def find_lost_rays(gbuffer: GBuffer, camera: Camera, views: Sequence[View], settings: Settings) -> LostRays:
+    """Send some of a frame's diffuse rays through its views.
 
     Parameters
     ----------
     gbuffer, camera
-        The frame.
+        The frame; one without surfaces loses nothing.
     views
         Those that there are already.
     settings
         Thickness, largest distance, threads.
-    count
-        Most views to return; fewer where no more rays are lost.
-
-    Returns
-    -------
-    list of (4, 4)
-        World matrices of the views, the most useful one first.
     """
     scene = TraceScene(gbuffer, camera, views, settings, notes_hidden=True)
-    point, direction = _lost_rays(scene, settings)
-    if not point.shape[1] or count < 1:
-        return []
-    place = _candidates(scene)
-    gain, face = _gains(scene, place, point, direction, settings.threads)
-    weight = np.ones(point.shape[1], dtype=gain.dtype)
-    poses: list[FloatArray] = []
-    for _ in range(count):
-        score = np.stack([((gain * (face == side)) * weight).sum(axis=1) for side in range(len(CUBE_FACES))])
-        side, best = np.unravel_index(int(score.argmax()), score.shape)
-        if score[side, best] <= 0.0:
-            break
-        weight *= 1.0 - gain[best] * (face[best] == side)
-        gain[best] *= face[best] != side
-        poses.append(camera.world_from_view @ _standing_at(place[:, best]) @ facing(CUBE_FACES[side]))
-    return poses
-
-
-def _lost_rays(scene: TraceScene, settings: Settings) -> tuple[FloatArray, FloatArray]:
-    """Return where some of the frame's diffuse rays go out of sight, and their directions, (3, N) each."""
-    gbuffer, camera = scene.views[0].layers[0], scene.views[0].camera
     pixel = np.flatnonzero(~gbuffer.is_background & is_colored(gbuffer.albedo))
+    if not pixel.size:
+        return LostRays(scene, 0.0, 0.0, *np.empty((2, 3, 0), dtype=scene.dtype))
     random = np.random.default_rng(_SEED)
     pixel = np.sort(random.choice(pixel, min(_PIXELS, pixel.size), replace=False))
     origin, normal = surface_points(gbuffer, camera, pixel)
@@ -93,10 +123,13 @@ def _lost_rays(scene: TraceScene, settings: Settings) -> tuple[FloatArray, Float
     direction = cosine_directions(u, v, normal).reshape(3, -1)
     origin = np.repeat(origin[:, None], _RAYS, axis=1).reshape(3, -1)
     merged = scene.merge(origin, direction, threads=settings.threads)
+    is_unknown = merged.answers(scene.texels).status == tracer.UNKNOWN
     is_lost = merged.is_uncertain() & np.isfinite(merged.open_until)
     lost = np.flatnonzero(is_lost)
     direction = direction.take(lost, axis=1)
-    return origin.take(lost, axis=1) + direction * merged.open_until.take(lost), direction
+    point = origin.take(lost, axis=1) + direction * merged.open_until.take(lost)
+    left, hidden = float(is_unknown.mean()), float((is_lost & ~is_unknown).mean())
+    return LostRays(scene, left, hidden, point, direction)
 
 
 def _candidates(scene: TraceScene) -> FloatArray:

@@ -368,7 +368,7 @@ def test_linked_library_material_is_looked_through(stage, tmp_path):
 def test_faces_of_a_surround_have_their_own(stage):
     add_cube(stage, new_material("Clay", RED))
     options = CaptureOptions(
-        samples=1, denoise=False, surround=16, surround_samples=1, back_faces=True, behind=True
+        samples=1, denoise=False, surround=16, view_samples=1, back_faces=True, behind=True
     )
     frame = capture_frame(stage, options)
     front = frame.views[0][0]
@@ -419,7 +419,7 @@ def test_progress_goes_on_through_all_renders(stage):
     add_cube(stage, new_material("Clay", RED))
     told = []
     options = CaptureOptions(
-        samples=1, denoise=False, surround=4, surround_samples=1, back_faces=True, behind=True
+        samples=1, denoise=False, surround=4, view_samples=1, back_faces=True, behind=True
     )
     capture_frame(stage, options, lambda fraction, text: told.append((fraction, text)))
     fractions = [fraction for fraction, _ in told]

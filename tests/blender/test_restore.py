@@ -9,7 +9,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from ssgi_addon.blender import capture, compat, cycles_passes, hidden_surfaces, roughness, surround
+from ssgi_addon.blender import capture, compat, cycles_passes, hidden_surfaces, roughness, views
 from ssgi_addon.blender.build import add_box, new_material, node_tree
 from ssgi_addon.blender.capture import CaptureOptions, capture_frame
 from ssgi_addon.blender.cycles_passes import cycles_engine
@@ -37,7 +37,7 @@ OPTIONS = CaptureOptions(
 @pytest.fixture(params=["aov", "native"])
 def scene(request, empty_file, monkeypatch):
     if request.param == "aov":
-        for module in (capture, surround, hidden_surfaces):
+        for module in (capture, views, hidden_surfaces):
             monkeypatch.setattr(module, "borrow_roughness", roughness.borrow_aov_roughness)
     elif not compat.has_roughness_pass(empty_file.view_layers[0]):
         pytest.skip("this Blender has no roughness among its denoising passes")

@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Capture what lies beyond the frame, as far as its rays need it and the time allows."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import bpy
+
+from ..core import Camera, Settings
+from ..core.stations import LostRays, find_lost_rays
+from ..frame import CapturedFrame
+from ..view_cameras import overscan_camera, square_camera, surround_cameras
+from .capture_options import CaptureOptions
+from .engines import Engine
+from .hidden_surfaces import Take, add_hidden_surfaces
+from .light_views import light_cameras
+from .views import borrow_cameras, capture_views
+
+Progress = Callable[[float, str], None]
+
+# Fewer rays than this share are not worth a render.
+LEAST_LOST = 0.02
+# What a render costs before its first sample, until one has been timed.
+_RENDER_SECONDS = 0.25
+
+
+class BeyondTheFrame:
+    """Adds to a captured frame, one kind after the other: each is left out that has nothing to win.
+
+    A quick pass of some thousand rays tells how many leave the frame, and how many are lost behind things.
+    What is left out, and why, is noted in the frame.
+
+    Parameters
+    ----------
+    engine, scene, view_layer
+        Set up by `borrow_scene`; exactly as before afterwards, also after an error.
+    options
+        What to take at most, and in how much time.
+    report
+        Called with a fraction and a text before each render; an exception from it ends the capture.
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        scene: bpy.types.Scene,
+        view_layer: bpy.types.ViewLayer,
+        options: CaptureOptions,
+        report: Progress,
+    ) -> None:
+        self.engine, self.scene, self.view_layer = engine, scene, view_layer
+        self.options, self.report = options, report
+        self.render_seconds = _RENDER_SECONDS
+
+    def added_to(self, frame: CapturedFrame) -> CapturedFrame:
+        """Return the frame with views beyond it, and with what stands behind its surfaces.
+
+        Raises
+        ------
+        SSGIError
+            If a view cannot be rendered, or the render was cancelled.
+        """
+        options = self.options
+        hides = options.back_faces or options.behind
+        wants = options.overscan > 1.0 or options.surround or options.stations or options.light_views or hides
+        if not wants or frame.gbuffer.is_background.all():
+            return frame
+        self.frame = frame
+        # Of the direct light, so that the frame's size and the scene's shaders count
+        pixels = frame.camera.width * frame.camera.height * options.samples
+        self.sample_seconds = frame.seconds["light"] / pixels
+        self.seconds_left = options.budget * frame.seconds["light"]
+        lost = self._look("overscan and surround", lambda lost: lost.left)
+        if lost is not None:
+            self._take("overscan", self._overscan())
+            self._take("surround", self._surround())
+        if options.stations or options.light_views or hides:
+            lost = self._look(
+                "stations, lights, back faces and layers behind", lambda lost: lost.left + lost.hidden
+            )
+            if lost is not None:
+                self._take("lights", self._lamps())
+                self._take("stations", self._stations(lost), at_least=1)
+                self._look_behind()
+        return self.frame
+
+    def _look(self, names: str, share: Callable[[LostRays], float]) -> LostRays | None:
+        """Send the quick pass; None, and a note, where too few rays are lost for what is named."""
+        begun = time.perf_counter()
+        frame = self.frame
+        lost = find_lost_rays(frame.gbuffer, frame.camera, frame.views, Settings())
+        self._spend("planning", time.perf_counter() - begun)
+        if share(lost) >= LEAST_LOST:
+            return lost
+        self._leave_out(names, f"only {share(lost):.1%} of the rays need them")
+        return None
+
+    def _take(self, name: str, cameras: Sequence[Camera], at_least: int | None = None) -> None:
+        """Capture views, as many as the time allows if that is no fewer than `at_least` (None: all)."""
+        if not cameras:
+            return
+        least = len(cameras) if at_least is None else at_least
+        costs = [self._cost(camera, self.options.view_samples) for camera in cameras]
+        affordable = next((n for n in range(len(cameras), 0, -1) if sum(costs[:n]) <= self.seconds_left), 0)
+        if affordable < len(cameras):
+            what = name if affordable < least else f"{len(cameras) - affordable} of {len(cameras)} {name}"
+            self._leave_out(what, self._too_dear(sum(costs)))
+        if affordable < least:
+            return
+        cameras = cameras[:affordable]
+        views, seconds = capture_views(
+            self.engine,
+            self.scene,
+            self.view_layer,
+            cameras,
+            samples=self.options.view_samples,
+            denoise=self.options.denoise,
+            progress=lambda fraction: self.report(0.6 + 0.2 * fraction, name.capitalize()),
+        )
+        self._spend(name, seconds)
+        samples = sum(self._cost(camera, self.options.view_samples, overhead=0.0) for camera in cameras)
+        self.render_seconds = max(0.0, seconds - samples) / len(cameras)
+        self.frame = replace(
+            self.frame,
+            views=(*self.frame.views, *views),
+            view_names=(*self.frame.view_names, *[name] * len(views)),
+        )
+
+    def _overscan(self) -> list[Camera]:
+        factor = self.options.overscan
+        return [overscan_camera(self.frame.camera, factor)] if factor > 1.0 else []
+
+    def _surround(self) -> list[Camera]:
+        if not self.options.surround:
+            return []
+        nearest = float(self.frame.gbuffer.depth.min())
+        clip_start = self.scene.camera.data.clip_start
+        return surround_cameras(self.frame.camera, nearest, clip_start, self.options.surround)
+
+    def _lamps(self) -> list[Camera]:
+        return light_cameras(self.scene, self.frame, self.options.light_views, self.options.view_size)
+
+    def _stations(self, lost: LostRays) -> list[Camera]:
+        begun = time.perf_counter()
+        poses = lost.stations(self.options.stations)
+        self._spend("planning", time.perf_counter() - begun)
+        return [square_camera(pose, self.options.view_size) for pose in poses]
+
+    def _look_behind(self) -> None:
+        """Capture thickness and the layer behind, of all views."""
+        options = self.options
+        wanted = {"back faces": options.back_faces, "behind": options.behind}
+        if not any(wanted.values()):
+            return
+        if self.engine.name != "cycles":
+            note = "Only Cycles can look behind surfaces: their back faces and the layer behind are left out."
+            self.frame = replace(self.frame, notes=(*self.frame.notes, note))
+            return
+        frame = self.frame
+        cameras = [camera for _, camera in frame.views]
+        once = self._cost(frame.camera, 1) + sum(self._cost(camera, 1) for camera in cameras)
+        lit = self._cost(frame.camera, options.samples)
+        lit += sum(self._cost(camera, options.view_samples) for camera in cameras)
+        # A layer behind takes the round of the back faces, too
+        for name, cost in (("back faces", once), ("behind", once + lit)):
+            if wanted[name] and cost > self.seconds_left:
+                wanted[name] = False
+                self._leave_out(name, self._too_dear(cost))
+        if any(wanted.values()):
+            self._add_hidden_surfaces(cameras, wanted["back faces"], wanted["behind"])
+
+    def _add_hidden_surfaces(self, cameras: Sequence[Camera], back_faces: bool, behind: bool) -> None:
+        frame, options = self.frame, self.options
+        takes = [Take(((frame.gbuffer, frame.camera),), lambda _: iter([None]), options.samples)]
+        if cameras:
+            takes.append(
+                Take(
+                    frame.views,
+                    lambda restorer: borrow_cameras(restorer, self.scene, cameras),
+                    options.view_samples,
+                )
+            )
+        (front, *around), seconds = add_hidden_surfaces(
+            self.engine,
+            self.scene,
+            self.view_layer,
+            takes,
+            back_faces=back_faces,
+            behind=behind,
+            denoise=options.denoise,
+            progress=lambda fraction, text: self.report(0.8 + 0.2 * fraction, text),
+        )
+        self.frame = replace(frame, gbuffer=front[0][0], views=around[0] if around else ())
+        for name, value in seconds.items():
+            self._spend(name, value)
+
+    def _cost(self, camera: Camera, samples: int, overhead: float | None = None) -> float:
+        """Return about how many seconds a view takes."""
+        overhead = self.render_seconds if overhead is None else overhead
+        return overhead + camera.width * camera.height * samples * self.sample_seconds
+
+    def _spend(self, name: str, seconds: float) -> None:
+        self.seconds_left -= seconds
+        spent = self.frame.seconds.get(name, 0.0) + seconds
+        self.frame = replace(self.frame, seconds={**self.frame.seconds, name: spent})
+
+    def _leave_out(self, what: str, why: str) -> None:
+        self.frame = replace(self.frame, skipped=(*self.frame.skipped, (what, why)))
+
+    def _too_dear(self, cost: float) -> str:
+        return f"about {cost:.1f} s, and {max(self.seconds_left, 0.0):.1f} s are left"
