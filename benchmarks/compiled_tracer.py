@@ -49,6 +49,8 @@ class _Field(NamedTuple):
     bounds: FloatArray
     planes: FloatArray
     reach: FloatArray
+    footprint: FloatArray
+    largest_step: FloatArray
     normal: FloatArray
     is_background: np.ndarray
 
@@ -142,6 +144,8 @@ def _constants(field: DepthField) -> _Field:
         bounds=field.bounds,
         planes=field.planes,
         reach=field.reach,
+        footprint=field.footprint,
+        largest_step=field.largest_step,
         normal=field.normal,
         is_background=field.is_background,
     )
@@ -297,7 +301,7 @@ def _meet(field, line, column, row, s_in, s_out, direction, starts_on_surface, r
         + field.normal[pixel, 1] * direction[1, ray]
         + field.normal[pixel, 2] * direction[2, ray]
     ) < 0.0
-    reach = field.reach[pixel]
+    rise = real(0)
     if starts_on_surface:
         home_column, home_row = np.int64(np.floor(line.x)), np.int64(np.floor(line.y))
         away = max(abs(column - home_column), abs(row - home_row))
@@ -305,8 +309,10 @@ def _meet(field, line, column, row, s_in, s_out, direction, starts_on_surface, r
             return False
         if away <= 1:
             home = _pixel(field, line, home_column, home_row)
-            reach += half * (abs(field.planes[home, 1]) + abs(field.planes[home, 2]))
-    is_hit = faces and (crosses or (h_in >= behind and h_in >= -reach))
+            rise = half * (abs(field.planes[home, 1]) + abs(field.planes[home, 2]))
+    is_hit = faces and (crosses or (h_in >= behind and h_in >= -(field.reach[pixel] + rise)))
+    if is_hit and not crosses and h_in < -(field.footprint[pixel] + rise):
+        is_hit = not _comes_over_edge(field, line, column, row, pixel)
     s = s_in - h_in / dh if crosses else s_in
     x, y = line.x + line.vx * s, line.y + line.vy * s
     answers.status[ray] = _HIT if is_hit else _BLOCKED
@@ -315,6 +321,28 @@ def _meet(field, line, column, row, s_in, s_out, direction, starts_on_surface, r
     answers.x_px[ray] = real(field.padded_width) - x if line.is_mirrored_x else x
     answers.y_px[ray] = real(field.padded_height) - y if line.is_mirrored_y else y
     return True
+
+
+@_inline
+def _comes_over_edge(field, line, column, row, pixel):
+    """Return whether the surface falls by more than a step over the border that the ray crossed last."""
+    real = field.bounds.dtype.type
+    half = real(0.5)
+    to_x, to_y = real(column) - line.x, real(row) - line.y
+    s_x, s_y = to_x * line.vy, to_y * line.vx
+    is_crossed_x, is_crossed_y = s_x >= s_y and to_x > 0.0, s_y >= s_x and to_y > 0.0
+    beside = _pixel(field, line, column - is_crossed_x, row - is_crossed_y)
+    if beside == pixel:
+        return False
+    right = half if is_crossed_x else real(0)
+    down = half if is_crossed_y else real(0)
+    if line.is_mirrored_x:
+        right = -right
+    if line.is_mirrored_y:
+        down = -down
+    here = field.planes[pixel, 0] - field.planes[pixel, 1] * right - field.planes[pixel, 2] * down
+    there = field.planes[beside, 0] + field.planes[beside, 1] * right + field.planes[beside, 2] * down
+    return here - there > field.largest_step[pixel]
 
 
 @_inline

@@ -40,6 +40,10 @@ class DepthField:
         on background, which is behind every ray), and the extent of the slab behind it in q.
     reach : (H*W,) float32
         How deep in q a ray may enter the slab between two pixels and still count as meeting the front.
+    footprint : (H*W,) float32
+        As wide as a pixel, in q: how deep it may do so over the edge of a surface.
+    largest_step : (H*W,) float32
+        Largest difference in q to a neighbour of the same surface.
     normal : (H*W, 3) float32
         View-space shading normals.
     bounds : (cells, 2) float32
@@ -61,6 +65,8 @@ class DepthField:
     is_background: BoolArray
     planes: FloatArray
     reach: FloatArray
+    footprint: FloatArray
+    largest_step: FloatArray
     normal: FloatArray
     bounds: FloatArray
     stride: int
@@ -146,7 +152,7 @@ class DepthField:
         slab = _slab_extent(gbuffer, camera, q, is_background, thickness, q_end)
 
         tilt = np.abs(gradient_x) + np.abs(gradient_y)
-        footprint = np.abs(q) / max(camera.fx, camera.fy) if not camera.is_orthographic else 1.0 / camera.fx
+        footprint, largest_step = _footprint(q, camera), _largest_step(q, slab, camera)
         margin = _BOUND_MARGIN * np.abs(q)
         nearest = np.where(is_background, -np.inf, q + 0.5 * tilt + margin).astype(q.dtype)
         farthest = np.where(is_background, np.inf, q - 0.5 * tilt - slab - margin).astype(q.dtype)
@@ -160,7 +166,9 @@ class DepthField:
             camera=camera,
             is_background=is_background.ravel(),
             planes=np.stack([front, gradient_x, gradient_y, slab], axis=-1).reshape(-1, 4).astype(q.dtype),
-            reach=np.maximum(footprint + tilt, _step_to_border(q, slab, camera)).astype(q.dtype).ravel(),
+            reach=np.maximum(footprint + tilt, _step_to_border(q, largest_step)).ravel(),
+            footprint=footprint.ravel(),
+            largest_step=largest_step.ravel(),
             normal=gbuffer.normal.reshape(-1, 3),
             bounds=np.stack([atlas_nearest, atlas_farthest], axis=-1),
             stride=stride,
@@ -229,19 +237,30 @@ def _limit_to_neighbours(gradient: FloatArray, q: FloatArray, axis: int) -> Floa
     return sign * np.minimum(np.abs(gradient), limit)
 
 
-def _step_to_border(q: FloatArray, slab: FloatArray, camera: Camera) -> FloatArray:
-    """Return half the largest difference to a neighbour of the same surface.
+def _footprint(q: FloatArray, camera: Camera) -> FloatArray:
+    """Return how wide a pixel is, as a difference in q."""
+    if camera.is_orthographic:
+        return np.full_like(q, 1.0 / camera.fx)
+    return (np.abs(q) / max(camera.fx, camera.fy)).astype(q.dtype)
 
-    That is one within the slab, and within a fixed share of the distance: however thick a thing is, its
-    invisible side must not be lit by its front.
+
+def _largest_step(q: FloatArray, slab: FloatArray, camera: Camera) -> FloatArray:
+    """Return the largest difference to a neighbour of the same surface.
+
+    It lies within the slab, and within a fixed share of the distance: however thick a thing is, its invisible
+    side must not be lit by its front.
     """
     near = _LARGEST_STEP * (camera.width / camera.fx if camera.is_orthographic else np.abs(q))
-    largest = np.minimum(slab, near)
+    return np.minimum(slab, near).astype(q.dtype)
+
+
+def _step_to_border(q: FloatArray, largest_step: FloatArray) -> FloatArray:
+    """Return half the largest difference to a neighbour of the same surface."""
     step = np.zeros_like(q)
     for axis in (0, 1):
         for difference in _differences(q, axis):
             size = np.abs(difference)
-            step = np.maximum(step, np.where(size <= largest, 0.5 * size, 0.0))
+            step = np.maximum(step, np.where(size <= largest_step, 0.5 * size, 0.0))
     return step
 
 

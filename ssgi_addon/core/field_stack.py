@@ -38,6 +38,8 @@ class FieldStack:
         self.is_background = self._join("is_background")
         self.planes = self._join("planes")
         self.reach = self._join("reach")
+        self.footprint = self._join("footprint")
+        self.largest_step = self._join("largest_step")
         self.normal = self._join("normal")
 
     def _join(self, name: str) -> FloatArray:

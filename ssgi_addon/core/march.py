@@ -10,8 +10,8 @@ With h = q_ray - q_front, as in `tracer`, a sample is inside the slab of the pix
 -slab <= h <= 0. Between the last sample and the first one inside, bisection finds an earlier point inside.
 There the ray meets the pixel, and `slabs.SlabTest.judge` decides as for a walk, by the height above the
 pixel's front that the ray had at the last point outside: from in front, or from no deeper than the step
-between two pixels, it is a HIT on a surface that faces the ray; from deeper, or on a surface that faces away,
-BLOCKED.
+between two pixels (where the ray came into the pixel over an edge, than a pixel is wide), it is a HIT on a
+surface that faces the ray; from deeper, or on a surface that faces away, BLOCKED.
 
 It misses what lies between two samples: a ray that passes through a whole slab from one sample to the next
 goes on, and so does one through a thing narrower than a step. What it finds lies behind the front by at most

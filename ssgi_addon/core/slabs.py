@@ -57,6 +57,8 @@ class SlabTest:
     ) -> None:
         self.stack, self.direction_vs, self.result = stack, direction_vs, result
         self.starts_on_surface, self.notes_hidden = starts_on_surface, notes_hidden
+        # Hits that lie deeper than an edge allows: numbers, fields, pixels and states
+        self.deep: list[tuple[IntArray, IntArray, IntArray, FloatArray]] = []
         self.last = np.array([[stack.padded_width], [stack.padded_height]], dtype=direction_vs.dtype) - 1.0
 
     def meet(self, state: FloatArray, ids: IntArray, field: IntArray, s_out: FloatArray) -> IntArray:
@@ -117,6 +119,8 @@ class SlabTest:
     ) -> BoolArray:
         """Write what rays meet that come into a slab from height `h_in`; return which of them stop.
 
+        Hits on entry are hits unless `settle` finds that they lie at an edge.
+
         Parameters
         ----------
         state : (rows of MEETING, N)
@@ -126,12 +130,14 @@ class SlabTest:
             come from, the slabs' extents, and where the rays meet them.
         """
         faces = self._facing(pixel, ids) < 0.0
-        # The step between two pixels of one surface is part of its front
-        reach = self.stack.reach.take(pixel)
+        # The step between two pixels of one surface is part of its front; beyond its edge there is no step
+        reach, over_edge = self.stack.reach.take(pixel), self.stack.footprint.take(pixel)
         stops = np.ones(ids.shape, dtype=np.bool_)
         if self.starts_on_surface:
             away = _cells_from_origin(state)
-            reach += (away <= 1.0) * self._rise_in_own_cell(state, field)
+            rise = (away <= 1.0) * self._rise_in_own_cell(state, field)
+            reach += rise
+            over_edge += rise
             stops = faces | (away > SELF_CONTACT_PX)
         is_hit = faces & (h_in >= -np.minimum(slab, reach))
         self._write(np.flatnonzero(stops), is_hit, ids, pixel, s_met, state)
@@ -140,7 +146,17 @@ class SlabTest:
             inside = ids.take(np.flatnonzero(stops & (h_in <= 0.0)))
             last = self.result.distance.take(inside) * JUST_BEFORE
             self.result.hidden[inside] = np.minimum(self.result.hidden.take(inside), last)
+        deep = np.flatnonzero(is_hit & (h_in < -over_edge))
+        if deep.size:
+            self.deep.append((ids.take(deep), field.take(deep), pixel.take(deep), state.take(deep, axis=1)))
         return stops
+
+    def settle(self) -> None:
+        """Block the rays that came in too deep at an edge: all at once, since at each step they are few."""
+        if self.deep:
+            ids, field, pixel, state = (np.concatenate(parts, axis=-1) for parts in zip(*self.deep))
+            self.result.status[ids[self._comes_over_edge(state, field, pixel)]] = BLOCKED
+            self.deep.clear()
 
     def _write(
         self,
@@ -184,6 +200,22 @@ class SlabTest:
         dx, dy, dz = (component.take(ids) for component in self.direction_vs)
         cosine: FloatArray = nx * dx + ny * dy + nz * dz
         return cosine
+
+    def _comes_over_edge(self, state: FloatArray, field: IntArray, pixel: IntArray) -> BoolArray:
+        """Return which rays come into their slabs at an edge: what lies before it on their way is far behind.
+
+        There the ray does not meet the front between two pixels, but a side that the camera does not see.
+        """
+        before = state[CELL] - state[START]
+        # The border that was crossed last has the larger before / speed; a ray through a corner crosses two
+        s_x, s_y = before * state[SPEED][::-1]
+        is_crossed = np.stack([s_x >= s_y, s_y >= s_x]) & (before > 0.0)
+        beside = self.pixel(state[CELL] - is_crossed, state[SIGN], field)
+        right, down = is_crossed * (0.5 * state[SIGN])
+        here, there = self.stack.planes.take(pixel, axis=0).T, self.stack.planes.take(beside, axis=0).T
+        fall = here[0] - here[1] * right - here[2] * down - (there[0] + there[1] * right + there[2] * down)
+        comes_over: BoolArray = (fall > self.stack.largest_step.take(pixel)) & (beside != pixel)
+        return comes_over
 
     def _rise_in_own_cell(self, state: FloatArray, field: IntArray) -> FloatArray:
         """Return how far the origin's own patch may have carried a ray in q before its cell ended.

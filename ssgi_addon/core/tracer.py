@@ -7,13 +7,15 @@ front:
 
 - h > 0 on entry, h <= 0 on exit: it meets the front from outside. Facing it: HIT at the crossing.
 - -slab <= h <= 0 on entry: it is inside. No deeper than `reach` (the step between two pixels of one
-  surface) and facing the surface: HIT on entry; otherwise BLOCKED.
+  surface) and facing the surface: HIT on entry; otherwise BLOCKED. Over an edge it meets a side that the
+  camera does not see: `footprint` takes the place of `reach`, if that is more. At an edge the patch of the
+  cell before lies farther than that of the cell, at the border between them, by more than `largest_step`.
 - h < -slab on entry, h >= -slab on exit: it enters from behind, BLOCKED.
 - otherwise it passes in front or behind and goes on.
 
 Within two pixels of the origin a front that faces away is self-contact and is passed over, and within one
-pixel `reach` is larger by half the tilt of the origin's own patch: where two surfaces meet inside the
-origin's pixel, the ray has met the second one untested.
+pixel `reach` and `footprint` are larger by half the tilt of the origin's own patch: where two surfaces
+meet inside the origin's pixel, the ray has met the second one untested.
 A ray that reaches its vanishing point inside a background cell ESCAPES; any other end is UNKNOWN.
 
 The pyramid skips cells that the ray passes wholly in front of (nearest) or wholly behind (farthest); the

@@ -112,20 +112,24 @@ class Walk:
     def run(self) -> None:
         """Walk rays until the queue is empty and all of them have ended; write the results."""
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            is_last = False
-            while self.group.size:
-                if self.ended_count > _REFILL_FRACTION * self.group.size:
-                    is_empty = self._refill()
-                    if is_empty and not is_last and self.group.size < _STRAGGLERS:
-                        self.group.birth -= self.steps
-                        group = self.queue.leave(self.group)
-                        if group is None:
-                            return
-                        self._adopt(group)
-                        is_last = True
-                self._step()
-                if self.births and self.births[0] + (self.max_steps or 0) == self.steps:
-                    self._expire(self.births.popleft())
+            self._walk()
+            self.slabs.settle()
+
+    def _walk(self) -> None:
+        is_last = False
+        while self.group.size:
+            if self.ended_count > _REFILL_FRACTION * self.group.size:
+                is_empty = self._refill()
+                if is_empty and not is_last and self.group.size < _STRAGGLERS:
+                    self.group.birth -= self.steps
+                    group = self.queue.leave(self.group)
+                    if group is None:
+                        return
+                    self._adopt(group)
+                    is_last = True
+            self._step()
+            if self.births and self.births[0] + (self.max_steps or 0) == self.steps:
+                self._expire(self.births.popleft())
 
     def _refill(self) -> bool:
         """Let waiting rays in where others have ended, else drop what has ended; return if none wait."""

@@ -159,7 +159,7 @@ def test_a_field_holds_no_nan_whatever_the_frame(seed, lens, thickness):
     normal[rng.random((7, 9)) < 0.3] = [1.0, 0.0, 0.0]  # edge on
     gbuffer = uniform_gbuffer((7, 9), gbuffer.depth * 10.0 ** rng.uniform(-3, 5), normal=normal)
     field = build(gbuffer, lens, thickness)
-    for name in ("gradient_x", "gradient_y", "slab", "reach"):
+    for name in ("gradient_x", "gradient_y", "slab", "reach", "footprint", "largest_step"):
         assert np.isfinite(getattr(field, name)).all(), name
     assert (field.slab >= 0.0).all()
     assert (field.reach >= 0.0).all()

@@ -18,6 +18,7 @@ from ssgi_addon.core.scene import TraceScene
 from ssgi_addon.core.tracer import MarchOptions
 from tests.core.synthetic import Plane, Sphere, capture, look_at, uniform_gbuffer
 from tests.core.test_tracer import as_float64, centres, frames, lenses, some_rays, unit
+from tests.reference.scalar_tracer import comes_over_edge
 from tests.tolerances import (
     FLOAT32_DISTANCE,
     FLOAT32_POSITION_PX,
@@ -79,7 +80,7 @@ def march_ray(field, rays, number, direction, step, bisections, starts_on_surfac
             for _ in range(bisections):
                 middle = 0.5 * (outside + inside)
                 outside, inside = (outside, middle) if is_inside(middle) else (middle, inside)
-            status = judge(field, cell_below(inside), home, height, outside, direction)
+            status = judge(field, cell_below(inside), home, ((x0, y0), (vx, vy)), height, outside, direction)
             if status is not None:
                 cell = cell_below(inside)
                 return status, cell[1] * camera.width + cell[0], distance_at(inside)
@@ -90,13 +91,30 @@ def march_ray(field, rays, number, direction, step, bisections, starts_on_surfac
     return tracer.UNKNOWN, -1, distance_at(s)
 
 
-def judge(field, cell, home, height, outside, direction):
+def cell_before(cell, start, velocity):
+    """Return the cell that a ray was in before it came into one; where it starts there, that one."""
+    passed = []
+    for axis in (0, 1):
+        sign = -1 if velocity[axis] < 0.0 else 1
+        ahead = sign * (cell[axis] + (sign < 0) - start[axis])
+        # The border that it crossed last is the one that takes it longer to reach
+        passed.append(ahead * abs(velocity[1 - axis]) if ahead > 0.0 else -math.inf)
+    if passed == [-math.inf, -math.inf]:
+        return cell
+    return tuple(
+        c - (int(math.copysign(1, v)) if p == max(passed) else 0) for c, p, v in zip(cell, passed, velocity)
+    )
+
+
+def judge(field, cell, home, line, height, outside, direction):
     """Return HIT or BLOCKED, or None for the origin's own surface."""
     width = field.camera.width
     pixel = cell[1] * width + cell[0]
     h, slab = height(cell, outside)
     faces = float(field.normal[pixel] @ direction) < 0.0
     reach = float(field.reach[pixel])
+    if comes_over_edge(field, cell, cell_before(cell, *line)):
+        reach = min(reach, float(field.footprint[pixel]))
     if home is not None:
         away = max(abs(cell[0] - home[0]), abs(cell[1] - home[1]))
         if not faces and away <= 2:

@@ -29,7 +29,7 @@ SIZES = st.one_of(
 
 
 def as_float64(field: DepthField) -> DepthField:
-    names = ("planes", "reach", "normal", "bounds")
+    names = ("planes", "reach", "footprint", "largest_step", "normal", "bounds")
     return replace(field, **{name: getattr(field, name).astype(np.float64) for name in names})
 
 
@@ -357,6 +357,35 @@ def test_ray_that_enters_a_slab_through_its_back_is_blocked():
     found = trace(gbuffer, camera, origin, unit(target - origin))
     assert found.status[0] == tracer.BLOCKED
     assert 12 < found.pixel[0] - 33 < 24
+
+
+@pytest.mark.parametrize(
+    ("before", "depth", "starts_on_surface", "column", "status"),
+    [
+        (4.2, 4.12, True, 12.5, tracer.HIT),  # the step between two pixels of one surface
+        (9.0, 4.12, True, 12.5, tracer.BLOCKED),  # the side of a thing before a far wall
+        (np.inf, 4.12, True, 12.5, tracer.BLOCKED),  # or before the sky
+        (9.0, 4.08, True, 12.5, tracer.HIT),  # no deeper than a pixel is wide
+        (9.0, 4.12, False, 16.5, tracer.HIT),  # begins inside, came over no edge
+        (9.0, 4.12, False, -3.0, tracer.BLOCKED),  # comes in from outside the frame
+    ],
+)
+@pytest.mark.parametrize("is_mirrored", [False, True])
+def test_ray_meets_a_step_but_not_the_side_of_an_edge(
+    before, depth, starts_on_surface, column, status, is_mirrored
+):
+    camera = Camera.orthographic(33, 3, 3.3)  # a pixel is 0.1 wide, and a step may be 0.33
+    depths = np.full((3, 33), 3.7)
+    depths[:, :16], depths[:, 16] = before, 4.0  # a ray may enter the middle column 0.15 deep
+    gbuffer = uniform_gbuffer((3, 33), depths, thickness=np.full((3, 33), 1.0))
+    origin = camera.pixel_to_view(np.array([column]), np.array([1.5]), np.array([depth - 1e-5])).T
+    direction = np.array([[1.0], [0.0], [-1e-5]])
+    if is_mirrored:
+        gbuffer = uniform_gbuffer((3, 33), depths[:, ::-1], thickness=np.full((3, 33), 1.0))
+        origin[0], direction[0] = -origin[0], -1.0
+    field = DepthField.build(gbuffer, camera, 0.1)
+    found = tracer.trace_rays(field, origin, direction, starts_on_surface=starts_on_surface)
+    assert (found.status.tolist(), found.pixel.tolist()) == ([status], [49])
 
 
 def test_surface_that_faces_away_blocks():

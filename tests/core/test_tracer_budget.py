@@ -262,6 +262,8 @@ def test_cells_beyond_what_float32_counts_are_found(levels):
         is_background=np.zeros(pixels, dtype=bool),
         planes=np.zeros((pixels, 4), dtype=np.float32),
         reach=np.zeros(pixels, dtype=np.float32),
+        footprint=np.zeros(pixels, dtype=np.float32),
+        largest_step=np.zeros(pixels, dtype=np.float32),
         normal=np.zeros((pixels, 3), dtype=np.float32),
         bounds=np.zeros((height * stride, 2), dtype=np.float32),
         stride=stride,

@@ -48,7 +48,7 @@ def trace_ray(field: DepthField, origin, direction, max_distance=math.inf, start
     if s > 0.0:  # over the border just now
         ix, iy = min(max(ix, 0), width - 1), min(max(iy, 0), height - 1)
     home = (ix, iy) if starts_on_surface else None
-    hidden = math.inf
+    hidden, before = math.inf, (ix, iy)
 
     def distance_at(s):
         return s if camera.is_orthographic else s / (q0 + vq * s)
@@ -62,7 +62,8 @@ def trace_ray(field: DepthField, origin, direction, max_distance=math.inf, start
         if math.isinf(s_out):  # straight at the camera
             return tracer.UNKNOWN, -1, s_out if camera.is_orthographic else 1.0 / vq, hidden
         if (ix, iy) != home:
-            answer = _meet(field, ix, iy, (x0, y0, q0), (vx, vy, vq), (dx, dy, dz), s, s_out, home)
+            line = (x0, y0, q0), (vx, vy, vq)
+            answer = _meet(field, (ix, iy), before, *line, (dx, dy, dz), s, s_out, home)
             if answer is not None:
                 status, s_hit = answer
                 distance = distance_at(s_hit)
@@ -78,7 +79,7 @@ def trace_ray(field: DepthField, origin, direction, max_distance=math.inf, start
             return (tracer.ESCAPED if escaped else tracer.UNKNOWN), -1, math.inf, hidden
         if s_out >= s_stop:
             return tracer.UNKNOWN, -1, distance_at(s_out), hidden
-        s = s_out
+        s, before = s_out, (ix, iy)
         if s_x <= s_out:
             ix += 1 if vx > 0 else -1
         if s_y <= s_out:
@@ -105,8 +106,9 @@ def _is_over(position, size):
     return -1e-9 * size <= position <= size * (1.0 + 1e-9)
 
 
-def _meet(field, ix, iy, start, velocity, direction, s_in, s_out, home):
+def _meet(field, cell, before, start, velocity, direction, s_in, s_out, home):
     """Return (status, s) where the ray meets the slab of one cell, or None."""
+    ix, iy = cell
     pixel = iy * field.camera.width + ix
     if field.is_background[pixel]:
         return None
@@ -116,6 +118,8 @@ def _meet(field, ix, iy, start, velocity, direction, s_in, s_out, home):
     away = math.inf if home is None else max(abs(ix - home[0]), abs(iy - home[1]))
     is_own = not faces and away <= 2
     reach = float(field.reach[pixel])
+    if comes_over_edge(field, cell, before):
+        reach = min(reach, float(field.footprint[pixel]))
     if away <= 1:  # the origin's own patch reaches half a pixel
         own = home[1] * field.camera.width + home[0]
         reach += 0.5 * (abs(float(field.gradient_x[own])) + abs(float(field.gradient_y[own])))
@@ -147,3 +151,19 @@ def _height(field, ix, iy, start, velocity, s):
     front = float(field.front[pixel])
     front += gx * (start[0] + velocity[0] * s - ix - 0.5) + gy * (start[1] + velocity[1] * s - iy - 0.5)
     return start[2] + velocity[2] * s - front
+
+
+def comes_over_edge(field, cell, before):
+    """Return whether the surface in the cell that the ray came from is more than a step behind."""
+    width, height = field.camera.width, field.camera.height
+    column, row = min(max(before[0], 0), width - 1), min(max(before[1], 0), height - 1)
+    here, there = cell[1] * width + cell[0], row * width + column
+    if here == there:
+        return False
+    right, down = 0.5 * (cell[0] - before[0]), 0.5 * (cell[1] - before[1])
+
+    def front(pixel, right, down):
+        gradient = float(field.gradient_x[pixel]), float(field.gradient_y[pixel])
+        return float(field.front[pixel]) + gradient[0] * right + gradient[1] * down
+
+    return front(here, -right, -down) - front(there, right, down) > float(field.largest_step[here])
