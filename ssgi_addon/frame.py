@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .core import Camera, Environment, GBuffer
+from .core import Camera, Environment, Fill, GBuffer
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +38,9 @@ class CapturedFrame:
         Wall time of each capture step.
     notes
         What the user should know about this capture, one sentence each.
+    fill
+        Path-traced indirect light of a small image, for what the views cannot answer; None where none was
+        rendered.
     """
 
     gbuffer: GBuffer
@@ -50,3 +53,4 @@ class CapturedFrame:
     layers: Mapping[str, np.ndarray[Any, Any]] = field(default_factory=dict)
     seconds: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    fill: Fill | None = None

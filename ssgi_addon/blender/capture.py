@@ -11,10 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import Camera, Environment
+from ..errors import SSGIError
 from ..frame import CapturedFrame
 from .capture_notes import capture_notes
 from .cycles_passes import RenderedPasses
 from .engines import Engine, engine_named
+from .fill import capture_fill
 from .gbuffer import gbuffer_from_passes
 from .render_settings import borrow_passes, borrow_pixel_centers, borrow_scene
 from .restore import Restorer
@@ -48,6 +50,8 @@ class CaptureOptions:
         Width and height of each of the six views around the camera, pixels; 0 captures none.
     surround_samples
         Per pixel, of the light in those views.
+    fill
+        Samples per pixel of a small render of the indirect light, through Cycles alone; 0 captures none.
     """
 
     engine: str = "cycles"
@@ -58,6 +62,7 @@ class CaptureOptions:
     view_layer: str | None = None
     surround: int = 0
     surround_samples: int = 4
+    fill: int = 0
 
 
 def capture_frame(
@@ -67,7 +72,7 @@ def capture_frame(
 
     Two renders: geometry from a single sample at each pixel's centre, since averaged normals belong to no
     surface; and light with as many samples as asked for, without diffuse and glossy bounces. A surround
-    takes six small ones more.
+    takes six small ones more, a fill another one.
 
     Parameters
     ----------
@@ -90,6 +95,8 @@ def capture_frame(
         If the scene cannot be captured, or the render was cancelled.
     """
     engine = engine_named(options.engine)
+    if options.fill and engine.name != "cycles":
+        raise SSGIError("A fill is rendered by Cycles alone: choose it as the engine, or set the fill to 0.")
     report = progress or _ignore
     with Restorer() as restorer:
         view_layer = borrow_scene(
@@ -110,6 +117,10 @@ def capture_frame(
         frame = replace(frame, environment=_environment(world, frame.camera))
         if options.surround:
             frame = _add_surround(engine, frame, scene, view_layer, options, report)
+        if options.fill:
+            report(0.97, "Fill")
+            fill, seconds = capture_fill(scene, view_layer, samples=options.fill)
+            frame = replace(frame, fill=fill, seconds={**frame.seconds, "fill": seconds})
     if options.denoise and engine.denoises and not is_denoised:
         note = "This Blender has no denoiser: the direct light is not denoised."
         frame = replace(frame, notes=(*frame.notes, note))
@@ -166,7 +177,7 @@ def _add_surround(
         size=options.surround,
         samples=options.surround_samples,
         denoise=options.denoise,
-        progress=lambda fraction, text: report(0.7 + 0.3 * fraction, text),
+        progress=lambda fraction, text: report(0.7 + 0.27 * fraction, text),
     )
     return replace(frame, views=views, seconds={**frame.seconds, "surround": seconds})
 

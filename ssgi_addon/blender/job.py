@@ -113,6 +113,7 @@ def render_frames(
             "samples": options.samples,
             "denoise": options.denoise,
             "surround": options.surround,
+            "fill": options.fill,
         },
         "frames": [],
     }
@@ -173,6 +174,7 @@ def _render_one(scene: bpy.types.Scene, frame: int, options: JobOptions, progres
             frame=frame,
             surround=options.surround,
             surround_samples=SURROUND_SAMPLES,
+            fill=options.fill,
         ),
         _part(progress, 0.0, 0.5 * share),
     )
