@@ -11,7 +11,6 @@ from .cycles_passes import render_passes
 from .gbuffer import GEOMETRY_PASSES, surfaces_from_passes
 from .render_settings import borrow_denoiser, borrow_framing, borrow_passes, borrow_pixel_centers
 from .restore import Restorer
-from .roughness import borrow_roughness
 from .volumes import borrow_clear_air
 
 # Pixels of the frame that one of the fill stands for, each way.
@@ -54,15 +53,13 @@ def capture_fill(
         restorer.change(scene.cycles, samples=samples, sample_clamp_direct=0.0, sample_clamp_indirect=0.0)
         borrow_denoiser(restorer, scene, view_layer, wanted=False)
         borrow_clear_air(restorer, view_layer)
-        roughness = borrow_roughness(restorer, view_layer)
-        names = tuple(dict.fromkeys((*GEOMETRY_PASSES, *_LIGHT_PASSES, *roughness.passes)))
+        names = (*GEOMETRY_PASSES, *_LIGHT_PASSES)
         borrow_passes(restorer, view_layer, names)
         rendered = render_passes(scene, view_layer, names)
         depth, normal = surfaces_from_passes(rendered.layers, rendered.camera)
         fill = Fill(
             depth=depth,
             normal=normal,
-            roughness=roughness.read(rendered.layers),
             diffuse=rendered.layers["Diffuse Indirect"],
             glossy=rendered.layers["Glossy Indirect"],
             camera=rendered.camera,

@@ -24,7 +24,7 @@ class Fill:
 
     Attributes
     ----------
-    depth, normal, roughness
+    depth, normal
         As in `GBuffer`, one surface sample per pixel.
     diffuse, glossy : (h, w, 3) float32
         Noisy indirect light of all bounces, before it is multiplied by the surface's colours: what Cycles
@@ -37,7 +37,6 @@ class Fill:
 
     depth: FloatArray
     normal: FloatArray
-    roughness: FloatArray
     diffuse: FloatArray
     glossy: FloatArray
     camera: Camera
@@ -58,11 +57,11 @@ class Fill:
         black = np.zeros((*shape, 3), dtype=np.float32)
         given = as_float32("depth", self.depth, shape)
         surfaces = GBuffer(
-            np.where(is_good, given, np.float32(np.inf)), self.normal, black, black, self.roughness, black
+            np.where(is_good, given, np.float32(np.inf)), self.normal, black, black, black[..., 0], black
         )
         is_good &= ~surfaces.is_background
         set_field = object.__setattr__  # the dataclass is frozen
-        for name in ("depth", "normal", "roughness"):
+        for name in ("depth", "normal"):
             set_field(self, name, getattr(surfaces, name))
         for name, image in zip(("diffuse", "glossy"), light, strict=True):
             set_field(self, name, np.where(is_good[..., None], image, np.float32(0.0)))
@@ -77,7 +76,7 @@ class Fill:
     def surfaces(self) -> GBuffer:
         """What receives the light, without colours."""
         black = np.zeros((*self.shape, 3), dtype=np.float32)
-        surfaces = GBuffer(self.depth, self.normal, black, black, self.roughness, black)
+        surfaces = GBuffer(self.depth, self.normal, black, black, black[..., 0], black)
         # Normalising a unit vector once more may change its last bit
         object.__setattr__(surfaces, "normal", self.normal)
         return surfaces
@@ -123,7 +122,7 @@ class Fill:
         image[pixel] = np.sum(total, axis=0)
         light = (image[:, :6] / np.maximum(image[:, 6:], np.float32(1e-20))).reshape(*newest.shape, 6)
         return cls(
-            newest.depth, newest.normal, newest.roughness, light[..., :3], light[..., 3:], newest.camera,
+            newest.depth, newest.normal, light[..., :3], light[..., 3:], newest.camera,
             image[:, 6].reshape(newest.shape),
         )  # fmt: skip
 

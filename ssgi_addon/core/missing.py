@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What views could not answer, from a fill: the light that it has and the answered light lacks.
+"""What views could not answer, from a fill: it sets the level of the light, the rays its detail.
 
-The answered light is taken to the fill's resolution, subtracted there, and what is left comes back along depth
-and normal; so detail stays that of the rays. The few light paths of a fill are noisy: fireflies are limited,
-the filter runs along surfaces, and what is left counts the less the more of it may be noise.
+The answered light is taken to the fill's resolution and compared with it there; the difference comes back
+along depth and normal. Few light paths are noisy, by fireflies most of all, so the filtered fill tells two
+bounds: without fireflies it is too dark, with them too bright, if anything. Answered light is moved only as
+far as into these bounds.
 """
 
 from __future__ import annotations
@@ -20,13 +21,9 @@ from .types import BoolArray, FloatArray, IntArray
 
 # Passes of the filter, all blind to luminance: the last reaches 4 pixels of the fill.
 _LEVELS = 3
-# Pixels whose mean a filtered one is, about: fewer than on an open plane, since edges are everywhere.
-_FILTERED_PIXELS = 40.0
-# No pixel of a fill is brighter than this many times the median of those within a radius.
+# Without fireflies no pixel of a fill is brighter than this many times the median of those within a radius.
 _BRIGHTEST = 4.0
 _MEDIAN_RADIUS = 2
-# Sharper reflections show what the few pixels of a fill cannot: they stay as they are.
-LEAST_FILLED_ROUGHNESS = 0.2
 
 
 def add_missing(
@@ -37,7 +34,7 @@ def add_missing(
     indirect: FloatArray,
     threads: int | None,
 ) -> FloatArray:
-    """Return answered light with what it lacks of a fill's.
+    """Return answered light at the level of a fill's; where nothing of the fill is near, it stays as it is.
 
     Parameters
     ----------
@@ -57,23 +54,21 @@ def add_missing(
     texel, answered = _answered(light, pixel, frame, fill, threads)
     if not texel.size:
         return light
-    traced = limit_fireflies(indirect, ~fill.surfaces.is_background).reshape(-1, 3).take(texel, axis=0)
-    squared = luminance(traced)[:, None] ** 2
+    traced = indirect.reshape(-1, 3).take(texel, axis=0)
+    limited = limit_fireflies(indirect, ~fill.surfaces.is_background)
+    limited = limited.reshape(-1, 3).take(texel, axis=0)
     parts = filter_light(
-        fill.surfaces, fill.camera, texel, [traced, answered, squared], squared[:, 0], _LEVELS, threads,
-        geometric_levels=_LEVELS,
+        fill.surfaces, fill.camera, texel, [traced, limited, answered], np.zeros_like(traced[:, 0]), _LEVELS,
+        threads, geometric_levels=_LEVELS,
     )  # fmt: skip
-    image = np.zeros((fill.depth.size, 8), dtype=light.dtype)
-    image[texel] = np.concatenate([*parts, np.ones_like(squared)], axis=1)
+    image = np.zeros((fill.depth.size, 10), dtype=light.dtype)
+    image[texel] = np.concatenate([*parts, np.ones_like(traced[:, :1])], axis=1)
     (found,), _ = carry_over([image], (fill.surfaces, fill.camera), frame, pixel, threads)
-    share = found[:, 7:]
-    found *= 1.0 / np.maximum(share, 1e-6)
-    missing = np.maximum(found[:, :3] - found[:, 3:6], 0.0)
-    noise = np.maximum(found[:, 6] - luminance(found[:, :3]) ** 2, 0.0) * (1.0 / _FILTERED_PIXELS)
-    # Wiener's gain: signal over signal and noise
-    signal = luminance(missing) ** 2
-    gain = signal / np.maximum(signal + noise, 1e-20)
-    return light + gain[:, None] * missing
+    # Pixels of the fill that the frame does not see are no part of the mean
+    found *= 1.0 / np.maximum(found[:, 9:], 1e-6)
+    brightest, darkest, level = found[:, :3], found[:, 3:6], found[:, 6:9]
+    moved = np.clip(level, darkest, np.maximum(darkest, brightest)) - level
+    return np.maximum(light + moved, 0.0)
 
 
 def _answered(
@@ -94,7 +89,7 @@ def limit_fireflies(light: FloatArray, is_surface: BoolArray) -> FloatArray:
     """Return light (h, w, 3) without single pixels that outshine all around them.
 
     Few light paths find small bright things by rare luck: such a pixel is right on average and wrong alone.
-    None keeps more luminance than 4 times the median of the surfaces in the 5 x 5 pixels around it. This
+    None keeps more luminance than 4 times the median of the surfaces in the 5 x 5 pixels around it. That
     takes light away, the less the more samples there are.
     """
     brightness = np.where(is_surface, luminance(light), np.float32(np.inf))

@@ -18,7 +18,7 @@ from .environment import Environment
 from .fill import Fill
 from .gbuffer import GBuffer
 from .light import IndirectLight, fill_unknown, luminance
-from .missing import LEAST_FILLED_ROUGHNESS, add_missing
+from .missing import add_missing
 from .planner import plan_passes
 from .scene import TraceScene, View
 from .settings import Settings
@@ -52,7 +52,7 @@ def render_indirect(
     progress
         Called with the finished fraction and a text, in this thread; may raise to cancel.
     fill
-        Path-traced light of a small image: what the answered light lacks of it is added. It does not count as
+        Path-traced light of a small image, which sets the level of what rays answered. It does not count as
         known.
 
     Raises
@@ -177,12 +177,10 @@ class _Run:
         self._keep("glossy", pixels, parts[0])
 
     def fill_in(self, fill: Fill) -> None:
-        """Add what diffuse and glossy light lack of a fill's."""
+        """Bring diffuse and glossy light to the level of a fill."""
         self.report(0.95, "Fill")
         frame, threads = (self.gbuffer, self.camera), self.settings.threads
-        is_rough = self.gbuffer.roughness.reshape(-1) >= LEAST_FILLED_ROUGHNESS
-        glossy = self.plan.reflections[is_rough.take(self.plan.reflections)]
-        for name, pixels in (("diffuse", self.plan.diffuse), ("glossy", glossy)):
+        for name, pixels in (("diffuse", self.plan.diffuse), ("glossy", self.plan.reflections)):
             if pixels.size:
                 light = self.images[name].reshape(-1, 3)
                 light[pixels] = add_missing(

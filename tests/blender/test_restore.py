@@ -19,7 +19,7 @@ from ssgi_addon.errors import SSGIError
 from tests.blender.fingerprint import changes, fingerprint
 from tests.blender.test_roughness import MATERIALS, add_tile, look_down, material_of
 
-OPTIONS = CaptureOptions(samples=1, resolution=(16, 12), frame=3, surround=4, surround_samples=1)
+OPTIONS = CaptureOptions(samples=1, resolution=(16, 12), frame=3, surround=4, surround_samples=1, fill=1)
 
 
 @pytest.fixture(params=["aov", "native"])
