@@ -9,7 +9,7 @@ are placed in the world, so they may have cameras of their own.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from .camera import Camera
 from .frame_points import surface_points
 from .gbuffer import GBuffer
 from .types import BoolArray, FloatArray, IntArray
+
+_Weigh = Callable[[FloatArray, FloatArray, FloatArray, FloatArray], FloatArray]
 
 # Samples are read up to so many pixels of their view away.
 _REACH = 2
@@ -108,55 +110,68 @@ class _Samples:
         values: Sequence[FloatArray],
     ) -> BoolArray:
         """Set `values` of some points with normals, in this view's space; return where any are found."""
-        camera = self.camera
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            x, y, depth = camera.view_to_pixel(point.T)
+        is_found = np.zeros(slots.size, dtype=np.bool_)
+        left = self._in_sight(point)
+        for weigh in (_on_surface,) if self.is_strict else (_on_surface, _in_space):
+            mean = self._mean(parts, point.take(left, axis=1), axis.take(left, axis=1), weigh)
+            is_read = mean.weight > _LEAST_WEIGHT
+            read = np.flatnonzero(is_read)
+            for value, read_value in zip(values, mean.means(read), strict=True):
+                value[slots.take(left.take(read))] = read_value
+            is_found[left.take(read)] = True
+            left = left.take(np.flatnonzero(~is_read))
+        return is_found
+
+    def _in_sight(self, point: FloatArray) -> IntArray:
+        """Return which points have pixels of this view near them."""
         height, width = self.shape
-        with np.errstate(invalid="ignore"):
-            is_seen = (x > -_REACH) & (x < width + _REACH) & (y > -_REACH) & (y < height + _REACH)
-            if not camera.is_orthographic:
-                is_seen &= depth > 0.0
-        seen = np.flatnonzero(is_seen)
-        x, y, point, axis = x.take(seen), y.take(seen), point.take(seen, axis=1), axis.take(seen, axis=1)
-        scale = np.ones_like(x) if camera.is_orthographic else depth.take(seen)
-        per_footprint = max(camera.fx, camera.fy) / scale
-        same = _Mean(seen.size, parts)
-        near = _Mean(seen.size, parts)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            x, y, depth = self.camera.view_to_pixel(point.T)
+            is_near = (x > -_REACH) & (x < width + _REACH) & (y > -_REACH) & (y < height + _REACH)
+        if not self.camera.is_orthographic:
+            is_near &= depth > 0.0
+        return np.flatnonzero(is_near)
+
+    def _mean(self, parts: Sequence[FloatArray], point: FloatArray, axis: FloatArray, weigh: _Weigh) -> _Mean:
+        """Return the mean over the samples around points, each by its place on the image times a weight."""
+        camera, (height, width) = self.camera, self.shape
+        x, y, depth = camera.view_to_pixel(point.T)
+        per_footprint = max(camera.fx, camera.fy) / (np.ones_like(x) if camera.is_orthographic else depth)
+        mean = _Mean(x.size, parts)
         left, top = (np.floor(at - 0.5).astype(np.int64) for at in (x, y))
         for down in range(1 - _REACH, _REACH + 1):
+            row = top + down
+            row_kernel = _tent(row.astype(y.dtype) + 0.5 - y) * ((row >= 0) & (row < height))
             for right in range(1 - _REACH, _REACH + 1):
-                column, row = left + right, top + down
-                is_inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-                texel = np.where(is_inside, row * width + column, 0)
-                kernel = _tent(column.astype(x.dtype) + 0.5 - x) * _tent(row.astype(y.dtype) + 0.5 - y)
-                kernel *= is_inside
-                on_surface, in_space = self._weights(texel, point, axis, per_footprint)
-                same.add(texel, kernel * on_surface)
-                if not self.is_strict:
-                    near.add(texel, kernel * in_space)
-        is_same = same.weight > _LEAST_WEIGHT
-        found = is_same | (near.weight > _LEAST_WEIGHT)
-        for value, own, other in zip(values, same.means(), near.means(), strict=True):
-            mixed = np.where(is_same[:, None], own, other)
-            value[slots.take(seen)] = np.where(found[:, None], mixed, 0.0)
-        is_seen[seen] = found
-        return is_seen
+                column = left + right
+                kernel = _tent(column.astype(x.dtype) + 0.5 - x) * ((column >= 0) & (column < width))
+                texel = np.clip(row, 0, height - 1) * width + np.clip(column, 0, width - 1)
+                apart, other = self.position.take(texel, axis=1), self.normal.take(texel, axis=1)
+                apart -= point
+                cosine = axis[0] * other[0] + axis[1] * other[1] + axis[2] * other[2]
+                weight = weigh(apart, axis, np.maximum(cosine, 0.0), per_footprint)
+                mean.add(texel, weight * kernel * row_kernel)
+        return mean
 
-    def _weights(
-        self, texel: IntArray, point: FloatArray, axis: FloatArray, per_footprint: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return how far samples belong to the points' surfaces, and how near to them they lie."""
-        apart = self.position.take(texel, axis=1) - point
-        other = self.normal.take(texel, axis=1)
-        cosine = np.maximum(axis[0] * other[0] + axis[1] * other[1] + axis[2] * other[2], 0.0)
-        off_plane = np.abs(apart[0] * axis[0] + apart[1] * axis[1] + apart[2] * axis[2]) * per_footprint
-        distance = np.sqrt(apart[0] ** 2 + apart[1] ** 2 + apart[2] ** 2) * per_footprint
-        near = cosine * np.maximum(1.0 - distance * (1.0 / _NEAR), 0.0)
-        same = cosine
-        for _ in range(_NORMAL_SQUARINGS):
-            same = same * same
-        same *= np.maximum(1.0 - off_plane * (1.0 / _PLANE_WIDTH), 0.0)
-        return same, near
+
+def _on_surface(
+    apart: FloatArray, axis: FloatArray, cosine: FloatArray, per_footprint: FloatArray
+) -> FloatArray:
+    """Return how far samples belong to the surfaces of points: by distance from their planes, and normals."""
+    off_plane = np.abs(apart[0] * axis[0] + apart[1] * axis[1] + apart[2] * axis[2]) * per_footprint
+    for _ in range(_NORMAL_SQUARINGS):
+        cosine = cosine * cosine
+    weight: FloatArray = cosine * np.maximum(1.0 - off_plane * (1.0 / _PLANE_WIDTH), 0.0)
+    return weight
+
+
+def _in_space(
+    apart: FloatArray, axis: FloatArray, cosine: FloatArray, per_footprint: FloatArray
+) -> FloatArray:
+    """Return how near samples lie to points, as far as they do not look away."""
+    distance = np.sqrt(apart[0] ** 2 + apart[1] ** 2 + apart[2] ** 2) * per_footprint
+    weight: FloatArray = cosine * np.maximum(1.0 - distance * (1.0 / _NEAR), 0.0)
+    return weight
 
 
 class _Mean:
@@ -172,9 +187,9 @@ class _Mean:
         for total, part in zip(self.sums, self.parts, strict=True):
             total += weight[:, None] * part.take(texel, axis=0)
 
-    def means(self) -> list[FloatArray]:
-        inverse = 1.0 / np.maximum(self.weight, 1e-20)
-        return [total * inverse[:, None] for total in self.sums]
+    def means(self, chosen: IntArray) -> list[FloatArray]:
+        inverse = 1.0 / self.weight.take(chosen)
+        return [total.take(chosen, axis=0) * inverse[:, None] for total in self.sums]
 
 
 def _tent(offset: FloatArray) -> FloatArray:

@@ -16,9 +16,9 @@ from .camera import Camera
 from .denoise import filter_light
 from .environment import Environment
 from .fill import Fill
+from .fill_level import set_level
 from .gbuffer import GBuffer
 from .light import IndirectLight, fill_unknown, luminance
-from .missing import add_missing
 from .planner import plan_passes
 from .scene import TraceScene, View
 from .settings import Settings
@@ -179,13 +179,17 @@ class _Run:
     def fill_in(self, fill: Fill) -> None:
         """Bring diffuse and glossy light to the level of a fill."""
         self.report(0.95, "Fill")
-        frame, threads = (self.gbuffer, self.camera), self.settings.threads
-        for name, pixels in (("diffuse", self.plan.diffuse), ("glossy", self.plan.reflections)):
-            if pixels.size:
-                light = self.images[name].reshape(-1, 3)
-                light[pixels] = add_missing(
-                    light.take(pixels, axis=0), pixels, frame, fill, getattr(fill, name), threads
-                )
+        kinds = {"diffuse": self.plan.diffuse, "glossy": self.plan.reflections}
+        kinds = {name: pixel for name, pixel in kinds.items() if pixel.size}
+        if not kinds:
+            return
+        lights = [
+            (self.images[name].reshape(-1, 3).take(pixel, axis=0), pixel, getattr(fill, name))
+            for name, pixel in kinds.items()
+        ]
+        frame = self.gbuffer, self.camera
+        for name, light in zip(kinds, set_level(lights, frame, fill, self.settings.threads), strict=True):
+            self._keep(name, kinds[name], light)
 
     def _keep(self, name: str, pixels: IntArray, values: FloatArray, elsewhere: float = 0.0) -> None:
         """Make an image of the result from values (P, ...) of some pixels."""

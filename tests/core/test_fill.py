@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ssgi_addon.core import Camera, Fill, GBuffer, IndirectLight, render_indirect
-from ssgi_addon.core.missing import add_missing, limit_fireflies
+from ssgi_addon.core.fill_level import limit_fireflies, set_level
 from tests.core.synthetic import Plane, capture, look_at, make_settings, random_gbuffer, uniform_gbuffer
 from tests.tolerances import (
     CARRIED_FROM_ELSEWHERE,
@@ -51,7 +51,7 @@ def filled(light: float | np.ndarray, gbuffer: GBuffer, camera: Camera, fill: Fi
     pixel = np.flatnonzero(~gbuffer.is_background)
     answered = np.broadcast_to(np.float32(light), (*gbuffer.shape, 3)).reshape(-1, 3)[pixel]
     image = np.zeros((gbuffer.depth.size, 3), dtype=np.float32)
-    image[pixel] = add_missing(answered, pixel, (gbuffer, camera), fill, fill.diffuse, threads)
+    (image[pixel],) = set_level([(answered, pixel, fill.diffuse)], (gbuffer, camera), fill, threads)
     return image.reshape(*gbuffer.shape, 3)
 
 
@@ -81,6 +81,14 @@ def test_fill_without_a_surface_changes_nothing(corner, small):
     assert_same_light(
         render_indirect(*corner, settings, fill=empty), render_indirect(*corner, settings, fill=None)
     )
+
+
+@pytest.mark.parametrize("passes", [{"albedo": 0.0, "specular": 0.0}, {"depth": np.inf}])
+def test_frame_without_anything_to_light_stays_dark(small, passes):
+    gbuffer = uniform_gbuffer(SIZE[::-1], **passes)
+    light = render_indirect(gbuffer, camera_of(SIZE), make_settings(rays=1), fill=small)
+    assert not light.diffuse.any()
+    assert not light.glossy.any()
 
 
 def test_white_furnace_with_a_hidden_half_is_white(corner, small):
@@ -351,5 +359,5 @@ def test_pixels_of_a_fill_without_light_of_rays_are_no_part_of_the_level():
     fill = Fill(low.depth, low.normal, np.ones((12, 16, 3)), np.ones((12, 16, 3)), coarse)
     pixel = np.arange(gbuffer.depth.size)[::2]
     light = np.ones((pixel.size, 3), dtype=np.float32)
-    found = add_missing(light, pixel, (gbuffer, camera), fill, fill.diffuse, 1)
+    (found,) = set_level([(light, pixel, fill.diffuse)], (gbuffer, camera), fill, 1)
     np.testing.assert_allclose(found, 1.0, rtol=FILTER_RELATIVE)

@@ -9,6 +9,8 @@ far as into these bounds.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from .camera import Camera
@@ -26,49 +28,60 @@ _BRIGHTEST = 4.0
 _MEDIAN_RADIUS = 2
 
 
-def add_missing(
-    light: FloatArray,
-    pixel: IntArray,
+def set_level(
+    lights: Sequence[tuple[FloatArray, IntArray, FloatArray]],
     frame: tuple[GBuffer, Camera],
     fill: Fill,
-    indirect: FloatArray,
     threads: int | None,
-) -> FloatArray:
-    """Return answered light at the level of a fill's; where nothing of the fill is near, it stays as it is.
+) -> list[FloatArray]:
+    """Return answered lights at the level of a fill's; where nothing of the fill is near, they stay.
 
     Parameters
     ----------
-    light : (P, 3)
-        What rays brought to some pixels of the frame; unknown directions may bring nothing, or a guess.
-    pixel : (P,)
-        Flat indices of these pixels.
+    lights
+        Of each kind (P, 3), what rays brought to some pixels of the frame, unknown directions nothing or a
+        guess; the flat indices of these pixels (P,), ascending; and the fill's light of that kind (h, w, 3).
     frame
         Its G-buffer and camera.
     fill
         Of the same world, from any place.
-    indirect : (h, w, 3)
-        One of the fill's two kinds of light: the one that `light` is.
     threads
         Worker threads.
     """
+    moves = [_moves(*light, frame, fill, threads) for light in lights]
+    # Weights are the same for all kinds of light
+    everywhere = np.unique(np.concatenate([pixel for _, pixel, _ in lights]))
+    carried, _ = carry_over(moves, (fill.surfaces, fill.camera), frame, everywhere, threads)
+    levelled = []
+    for (light, pixel, _), found in zip(lights, carried, strict=True):
+        found = found.take(np.searchsorted(everywhere, pixel), axis=0)
+        # Pixels of the fill that the frame does not see are no part of the mean
+        found *= 1.0 / np.maximum(found[:, 3:], 1e-6)
+        levelled.append(np.maximum(light + found[:, :3], 0.0))
+    return levelled
+
+
+def _moves(
+    light: FloatArray,
+    pixel: IntArray,
+    traced: FloatArray,
+    frame: tuple[GBuffer, Camera],
+    fill: Fill,
+    threads: int | None,
+) -> FloatArray:
+    """Return how far light has to move at the fill's pixels, and 1 where that is known (h * w, 4)."""
+    image = np.zeros((fill.depth.size, 4), dtype=light.dtype)
     texel, answered = _answered(light, pixel, frame, fill, threads)
-    if not texel.size:
-        return light
-    traced = indirect.reshape(-1, 3).take(texel, axis=0)
-    limited = limit_fireflies(indirect, ~fill.surfaces.is_background)
-    limited = limited.reshape(-1, 3).take(texel, axis=0)
-    parts = filter_light(
-        fill.surfaces, fill.camera, texel, [traced, limited, answered], np.zeros_like(traced[:, 0]), _LEVELS,
-        threads, geometric_levels=_LEVELS,
-    )  # fmt: skip
-    image = np.zeros((fill.depth.size, 10), dtype=light.dtype)
-    image[texel] = np.concatenate([*parts, np.ones_like(traced[:, :1])], axis=1)
-    (found,), _ = carry_over([image], (fill.surfaces, fill.camera), frame, pixel, threads)
-    # Pixels of the fill that the frame does not see are no part of the mean
-    found *= 1.0 / np.maximum(found[:, 9:], 1e-6)
-    brightest, darkest, level = found[:, :3], found[:, 3:6], found[:, 6:9]
-    moved = np.clip(level, darkest, np.maximum(darkest, brightest)) - level
-    return np.maximum(light + moved, 0.0)
+    if texel.size:
+        limited = limit_fireflies(traced, ~fill.surfaces.is_background)
+        brightest, darkest = (of.reshape(-1, 3).take(texel, axis=0) for of in (traced, limited))
+        brightest, darkest, level = filter_light(
+            fill.surfaces, fill.camera, texel, [brightest, darkest, answered], np.zeros_like(darkest[:, 0]),
+            _LEVELS, threads, geometric_levels=_LEVELS,
+        )  # fmt: skip
+        image[texel, :3] = np.clip(level, darkest, np.maximum(darkest, brightest)) - level
+        image[texel, 3] = 1.0
+    return image
 
 
 def _answered(
