@@ -112,6 +112,7 @@ def _add_render(commands: Any, *, inside_blender: bool) -> None:
     )
     add_option(parser, "--samples", JobOptions, "samples", metavar="N")
     add_option(parser, "--surround", JobOptions, "surround", metavar="PIXELS")
+    add_option(parser, "--fill", JobOptions, "fill", metavar="N")
     frames = parser.add_mutually_exclusive_group()
     frames.add_argument(
         "--frame", metavar="N", type=lambda text: (whole_number(text),), dest="frames", help="one frame"

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .core import Camera, Environment, GBuffer
+from .core import Camera, Environment, Fill, GBuffer
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +42,9 @@ class CapturedFrame:
         What was not captured and why, as (what, why).
     notes
         What the user should know about this capture, one sentence each.
+    fill
+        Path-traced indirect light of a small image, for what the views cannot answer; None where none was
+        rendered.
     """
 
     gbuffer: GBuffer
@@ -56,3 +59,4 @@ class CapturedFrame:
     seconds: Mapping[str, float] = field(default_factory=dict)
     skipped: tuple[tuple[str, str], ...] = ()
     notes: tuple[str, ...] = ()
+    fill: Fill | None = None

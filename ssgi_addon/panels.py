@@ -42,6 +42,9 @@ class SSGI_PT_main(_RenderPanel, bpy.types.Panel):
         row.active = settings.engine == "cycles"
         row.prop(settings, "denoise")
         layout.prop(settings, "surround")
+        row = layout.row()
+        row.active = settings.engine == "cycles"
+        row.prop(settings, "fill")
         layout.operator("ssgi.render", icon="RENDER_STILL")
 
 

@@ -8,15 +8,15 @@ later and elsewhere. `read_passes` also takes the multilayer EXR files that Blen
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from .blender_passes import frame_from_blender
-from .core import Camera, Environment, GBuffer, Settings
+from .core import Camera, Environment, Fill, GBuffer, Settings
 from .errors import SSGIError
 from .exr import FloatArray, Pixels, read_layers, write_layers
 from .files import read_json, write_json
@@ -26,7 +26,10 @@ FORMAT = "ssgi-passes"
 FORMAT_VERSION = 1
 UNIT_ROUNDING = 1e-6
 
+Stored = TypeVar("Stored", GBuffer, Fill)
+
 _PLANES = tuple(item.name for item in fields(GBuffer) if item.name != "behind")
+_FILL_PLANES = tuple(item.name for item in fields(Fill) if item.name != "camera")
 _REQUIRED = ("depth", "normal", "albedo", "specular", "roughness", "direct")
 
 
@@ -75,6 +78,7 @@ def write_passes(
         "camera": _camera_to_json(frame.camera),
         "environment": _write_environment(frame.environment, folder, f"{stem}_environment.exr"),
         "views": views,
+        "fill": _write_fill(frame.fill, folder, f"{stem}_fill.exr"),
         "layers": list(frame.layers),
         "seconds": dict(frame.seconds),
         "skipped": [list(pair) for pair in frame.skipped],
@@ -186,6 +190,7 @@ def _own_frame(path: Path, layers: Pixels, data: Mapping[str, Any], camera: Came
             seconds=data["seconds"],
             skipped=tuple((what, why) for what, why in data.get("skipped", ())),
             notes=tuple(data["notes"]),
+            fill=_read_fill(data.get("fill"), path.parent),
         )
     except KeyError as error:
         raise SSGIError(f"{path} and its .json do not belong together: {error} is missing") from error
@@ -206,23 +211,43 @@ def _gbuffer(layers: Pixels, path: Path, prefix: str = "") -> GBuffer:
     planes: dict[str, Any] = {name: layers[prefix + name] for name in _PLANES if prefix + name in layers}
     if f"{prefix}behind_depth" in layers:
         planes["behind"] = _gbuffer(layers, path, f"{prefix}behind_")
-    return _as_stored(planes, path)
+    return _as_stored(GBuffer, planes, path)
 
 
-def _as_stored(planes: dict[str, Any], path: Path) -> GBuffer:
+def _as_stored(kind: Callable[..., Stored], planes: dict[str, Any], path: Path) -> Stored:
+    """Make a `GBuffer` or a `Fill` of what a file holds."""
     try:
-        gbuffer = GBuffer(**planes)
+        surfaces = kind(**planes)
     except ValueError as error:
         raise SSGIError(f"{path} is damaged: {error}") from error
     # Normalising a unit vector once more may change its last bit, and with it a ray's hit.
-    if np.allclose(gbuffer.normal, planes["normal"], rtol=0.0, atol=UNIT_ROUNDING):
-        object.__setattr__(gbuffer, "normal", planes["normal"])
-    return gbuffer
+    if np.allclose(surfaces.normal, planes["normal"], rtol=0.0, atol=UNIT_ROUNDING):
+        object.__setattr__(surfaces, "normal", planes["normal"])
+    return surfaces
 
 
 def _read_view(view: Mapping[str, Any], folder: Path) -> tuple[GBuffer, Camera]:
     path = folder / view["passes"]
     return _gbuffer(read_layers(path), path), _camera_from_json(view["camera"], path)
+
+
+def _write_fill(fill: Fill | None, folder: Path, name: str) -> dict[str, Any] | None:
+    if fill is None:
+        return None
+    write_layers(folder / name, {plane: np.asarray(getattr(fill, plane)) for plane in _FILL_PLANES})
+    return {"passes": name, "camera": _camera_to_json(fill.camera)}
+
+
+def _read_fill(data: Mapping[str, Any] | None, folder: Path) -> Fill | None:
+    if data is None:
+        return None
+    path = folder / data["passes"]
+    layers = read_layers(path)
+    missing = [name for name in _FILL_PLANES if name not in layers]
+    if missing:
+        raise SSGIError(f"{path} lacks the passes {', '.join(missing)}: render it again")
+    planes: dict[str, Any] = {name: layers[name] for name in _FILL_PLANES}
+    return _as_stored(Fill, {**planes, "camera": _camera_from_json(data["camera"], path)}, path)
 
 
 def _camera_to_json(camera: Camera) -> dict[str, Any]:

@@ -50,8 +50,9 @@ def compute_picture(frame: CapturedFrame, settings: Settings, progress: Progress
     """
     try:
         light = render_indirect(
-            frame.gbuffer, frame.camera, settings, frame.environment, views=frame.views, progress=progress
-        )
+            frame.gbuffer, frame.camera, settings, frame.environment,
+            views=frame.views, progress=progress, fill=frame.fill,
+        )  # fmt: skip
     except ValueError as error:
         raise SSGIError(f"the passes cannot be used: {error}") from error
     except MemoryError as error:

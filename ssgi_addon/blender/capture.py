@@ -36,7 +36,8 @@ def capture_frame(
 
     Two renders: geometry from a single sample at each pixel's centre, since averaged normals belong to no
     surface; and light with as many samples as asked for, without diffuse and glossy bounces. Each view beyond
-    the frame takes one more; back faces and the layer behind take one more of each view.
+    the frame takes one more; back faces and the layer behind take one more of each view, and the fill takes
+    one of its own.
 
     Parameters
     ----------

@@ -43,6 +43,8 @@ class CaptureOptions:
         Capture how thick the visible surfaces are (Cycles), in all views.
     behind
         Capture the layer behind the visible surfaces with its light (Cycles), in all views.
+    fill
+        Samples per pixel of a small render of the indirect light (Cycles); 0 captures none.
     """
 
     engine: str = "cycles"
@@ -60,3 +62,4 @@ class CaptureOptions:
     view_samples: int = 4
     back_faces: bool = False
     behind: bool = False
+    fill: int = 0

@@ -56,8 +56,7 @@ def gbuffer_from_passes(
         What surfaces hand on besides, at the pixels' centres: emitters whose edges are smoothed look larger
         to rays. None where emissive meshes are lamps already, as in Cycles' direct passes.
     """
-    depth = layers["Depth"]
-    normal = _world_to_view(layers["Normal"], camera)
+    depth, normal = surfaces_from_passes(layers, camera)
     source = handed_on(layers, roughness)
     glossy_source = layers["Diffuse Direct"] * layers["Diffuse Color"]
     glossy_source = glossy_source + layers["Glossy Direct"] * layers["Glossy Color"]
@@ -66,7 +65,7 @@ def gbuffer_from_passes(
     if is_denoised:
         glossy_source = _denoised_reflection(layers, glossy_source)
     return GBuffer(
-        depth=np.where(depth < FARTHEST_SURFACE, depth, np.float32(np.inf)),
+        depth=depth,
         normal=normal,
         albedo=layers["Diffuse Color"],
         specular=layers["Glossy Color"],
@@ -76,6 +75,13 @@ def gbuffer_from_passes(
         glossy_source=glossy_source,
         reflectance=reflectance(layers["Diffuse Color"], layers["Glossy Color"], normal, camera),
     )
+
+
+def surfaces_from_passes(layers: Mapping[str, FloatArray], camera: Camera) -> tuple[FloatArray, FloatArray]:
+    """Return depth (H, W), +inf on background, and view-space normals (H, W, 3) from `GEOMETRY_PASSES`."""
+    depth = layers["Depth"]
+    depth = np.where(depth < FARTHEST_SURFACE, depth, np.float32(np.inf))
+    return depth, _world_to_view(layers["Normal"], camera)
 
 
 def _denoised_reflection(layers: Mapping[str, FloatArray], reflected: FloatArray) -> FloatArray:

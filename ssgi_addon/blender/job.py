@@ -113,6 +113,7 @@ def render_frames(
             "samples": options.samples,
             "denoise": options.denoise,
             "surround": options.surround,
+            "fill": options.fill,
         },
         "frames": [],
     }

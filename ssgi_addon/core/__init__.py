@@ -3,6 +3,7 @@
 
 from .camera import Camera
 from .environment import Environment
+from .fill import Fill
 from .gbuffer import GBuffer
 from .light import IndirectLight, composite
 from .pipeline import render_indirect
@@ -12,6 +13,7 @@ __all__ = [
     "Camera",
     "DiffuseSettings",
     "Environment",
+    "Fill",
     "GBuffer",
     "IndirectLight",
     "ReflectionSettings",

@@ -72,8 +72,8 @@ class GBuffer:
         shape = np.shape(self.depth)
         if len(shape) != 2 or 0 in shape:
             raise ValueError(f"depth: expected shape (H, W) with H, W >= 1, got {shape}")
-        depth = _as_float32("depth", self.depth, shape)
-        normal = _as_float32("normal", self.normal, (*shape, 3))
+        depth = as_float32("depth", self.depth, shape)
+        normal = as_float32("normal", self.normal, (*shape, 3))
         depth, normal = _clean_geometry(depth, normal)
         set_field = object.__setattr__  # the dataclass is frozen
         set_field(self, "depth", depth)
@@ -81,11 +81,11 @@ class GBuffer:
         for name in ("albedo", "specular", "direct", "source", "glossy_source", "reflectance"):
             value = getattr(self, name)
             if value is not None or name in ("albedo", "specular", "direct"):
-                set_field(self, name, _clean_light(_as_float32(name, value, (*shape, 3))))
-        roughness = _clean_light(_as_float32("roughness", self.roughness, shape))
+                set_field(self, name, _clean_light(as_float32(name, value, (*shape, 3))))
+        roughness = _clean_light(as_float32("roughness", self.roughness, shape))
         set_field(self, "roughness", np.minimum(roughness, 1.0))
         if self.thickness is not None:
-            thickness = _as_float32("thickness", self.thickness, shape)
+            thickness = as_float32("thickness", self.thickness, shape)
             is_solid = np.isposinf(thickness)
             set_field(self, "thickness", np.where(is_solid, np.float32(np.inf), _clean_light(thickness)))
         if self.behind is not None:
@@ -122,7 +122,8 @@ class GBuffer:
         return self.diffuse_source if self.glossy_source is None else self.glossy_source
 
 
-def _as_float32(name: str, value: object, shape: tuple[int, ...]) -> FloatArray:
+def as_float32(name: str, value: object, shape: tuple[int, ...]) -> FloatArray:
+    """Return a C-contiguous float32 array, or raise ValueError naming what is not one of that shape."""
     array = np.asarray(value)
     if array.dtype.kind not in "fiu":
         raise ValueError(f"{name}: expected real numbers, got dtype {array.dtype}")

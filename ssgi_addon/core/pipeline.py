@@ -15,6 +15,8 @@ from .bounces import DiffusePass
 from .camera import Camera
 from .denoise import filter_light
 from .environment import Environment
+from .fill import Fill
+from .fill_level import set_level
 from .gbuffer import GBuffer
 from .light import IndirectLight, fill_unknown, luminance
 from .planner import plan_passes
@@ -33,6 +35,7 @@ def render_indirect(
     environment: Environment | None = None,
     views: Sequence[View] = (),
     progress: parallel.Progress | None = None,
+    fill: Fill | None = None,
 ) -> IndirectLight:
     """Compute the indirect light of a frame.
 
@@ -48,13 +51,16 @@ def render_indirect(
         Further (GBuffer, Camera) pairs, placed by `Camera.world_from_view`, that rays continue in.
     progress
         Called with the finished fraction and a text, in this thread; may raise to cancel.
+    fill
+        Path-traced light of a small image, which sets the level of what rays answered. It does not count as
+        known.
 
     Raises
     ------
     ValueError
         If an argument is of the wrong type, or G-buffer and camera differ in size.
     """
-    _check_types(gbuffer, camera, settings, environment, views)
+    _check_types(gbuffer, camera, settings, environment, views, fill)
     run = _Run(gbuffer, camera, settings, environment, progress)
     plan = run.plan
     walk = "hierarchical" if plan.diffuse.size else settings.reflections.method
@@ -66,12 +72,15 @@ def render_indirect(
         if settings.reflections.method != walk and plan.reflections.size:
             run.scene = TraceScene(gbuffer, camera, views, settings, method=settings.reflections.method)
         run.trace_reflections(plan.reflections)
+    if fill is not None:
+        with run.timed("fill"):
+            run.fill_in(fill)
     run.report(1.0, "Done")
     return run.result()
 
 
 def _check_types(
-    gbuffer: object, camera: object, settings: object, environment: object, views: object
+    gbuffer: object, camera: object, settings: object, environment: object, views: object, fill: object
 ) -> None:
     expected = (("gbuffer", gbuffer, GBuffer), ("camera", camera, Camera), ("settings", settings, Settings))
     for name, value, kind in expected:
@@ -79,6 +88,8 @@ def _check_types(
             raise ValueError(f"{name}: expected {kind.__name__}, got {type(value).__name__}")
     if environment is not None and not isinstance(environment, Environment):
         raise ValueError(f"environment: expected Environment or None, got {type(environment).__name__}")
+    if fill is not None and not isinstance(fill, Fill):
+        raise ValueError(f"fill: expected Fill or None, got {type(fill).__name__}")
     if not isinstance(views, Sequence):
         raise ValueError(f"views: expected a sequence of (GBuffer, Camera), got {type(views).__name__}")
     for view in views:
@@ -164,6 +175,21 @@ class _Run:
             del source, found  # as large as all that the filter needs
             parts = filter_light(self.gbuffer, self.camera, pixels, parts, variance, levels, settings.threads)
         self._keep("glossy", pixels, parts[0])
+
+    def fill_in(self, fill: Fill) -> None:
+        """Bring diffuse and glossy light to the level of a fill."""
+        self.report(0.95, "Fill")
+        kinds = {"diffuse": self.plan.diffuse, "glossy": self.plan.reflections}
+        kinds = {name: pixel for name, pixel in kinds.items() if pixel.size}
+        if not kinds:
+            return
+        lights = [
+            (self.images[name].reshape(-1, 3).take(pixel, axis=0), pixel, getattr(fill, name))
+            for name, pixel in kinds.items()
+        ]
+        frame = self.gbuffer, self.camera
+        for name, light in zip(kinds, set_level(lights, frame, fill, self.settings.threads), strict=True):
+            self._keep(name, kinds[name], light)
 
     def _keep(self, name: str, pixels: IntArray, values: FloatArray, elsewhere: float = 0.0) -> None:
         """Make an image of the result from values (P, ...) of some pixels."""

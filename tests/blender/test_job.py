@@ -160,10 +160,18 @@ def test_surround_answers_what_the_frame_cannot(room, options):
     assert surrounded["known"] > alone["known"] + 0.1
 
 
+def test_fill_costs_seconds_and_does_not_count_as_known(room, options):
+    alone = render_frame(room, options).record
+    filled = render_frame(room, replace(options, fill=1, overwrite=True)).record
+    assert "fill" not in alone["seconds"]
+    assert filled["seconds"]["fill"] > 0.0
+    assert filled["known"] == alone["known"]
+
+
 def test_report_tells_the_options_of_the_run(room, options):
-    render_frames(room, options)
+    render_frames(room, replace(options, fill=2))
     told = read_report(options)["settings"]
-    assert (told["samples"], told["surround"], told["engine"]) == (1, 8, "cycles")
+    assert (told["samples"], told["surround"], told["fill"], told["engine"]) == (1, 8, 2, "cycles")
     assert told["diffuse"]["rays"] == options.settings.diffuse.rays
 
 

@@ -31,6 +31,7 @@ OPTIONS = CaptureOptions(
     view_samples=1,
     back_faces=True,
     behind=True,
+    fill=1,
 )
 
 

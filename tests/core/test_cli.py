@@ -69,7 +69,7 @@ def test_render_has_the_defaults_of_the_contract(calls, capsys):
 def test_render_hands_every_option_on(calls):
     line = (
         "render a.blend --output out --engine eevee --preset final --resolution 96x54 --samples 5 --rays 7 "
-        "--surround 32 --frames 1-9:4 --compare --reference-samples 12 --passes --overwrite"
+        "--surround 32 --fill 6 --frames 1-9:4 --compare --reference-samples 12 --passes --overwrite"
     )
     assert main(line.split()) == 0
     final = Settings.preset("final")
@@ -81,6 +81,7 @@ def test_render_hands_every_option_on(calls):
         engine="eevee",
         samples=5,
         surround=32,
+        fill=6,
         resolution=(96, 54),
         frames=(1, 5, 9),
         compare=True,
@@ -126,6 +127,7 @@ def test_scene_may_be_left_out_inside_blender_only(calls, capsys):
         "render a.blend --output out --samples many",
         "render a.blend --output out --surround=-1",
         "render a.blend --output out --surround 99999",
+        "render a.blend --output out --fill=-1",
         "render a.blend --output out --rays 0",
         "render a.blend --output out --rays 100000",
         "render a.blend --output out --preset ultra",

@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from ssgi_addon.core import Camera, Environment, GBuffer, Settings
+from ssgi_addon.core import Camera, Environment, Fill, GBuffer, Settings
 from ssgi_addon.errors import SSGIError
 from ssgi_addon.exr import write_layers
 from ssgi_addon.frame import CapturedFrame
@@ -25,6 +25,12 @@ def random_gbuffer(rng, height=HEIGHT, width=WIDTH, **more):
     depth[:2], normal[:2] = np.inf, 0.0
     colors = {name: rng.gamma(0.5, 1.0, (height, width, 3)) for name in ("albedo", "specular", "direct")}
     return GBuffer(depth=depth, normal=normal, roughness=rng.uniform(0, 1, depth.shape), **colors, **more)
+
+
+def random_fill(rng, camera):
+    surfaces = random_gbuffer(rng, camera.height, camera.width)
+    samples = rng.uniform(1, 9, surfaces.shape)
+    return Fill(surfaces.depth, surfaces.normal, surfaces.direct, surfaces.albedo, camera, samples)
 
 
 @pytest.fixture
@@ -64,6 +70,7 @@ def full_frame(rng, camera):
         layers={"Diffuse Direct": more["source"].astype(np.float32), "Mist": thickness.astype(np.float32)},
         seconds={"geometry": 0.1, "light": 1 / 3},
         notes=("3 materials transmit light: ±",),
+        fill=random_fill(rng, side),
     )
 
 
@@ -83,6 +90,16 @@ def assert_same_camera(found, expected):
         np.testing.assert_array_equal(getattr(found, item.name), getattr(expected, item.name))
 
 
+def assert_same_fill(found, expected):
+    if expected is None:
+        assert found is None
+        return
+    assert_same_camera(found.camera, expected.camera)
+    for name in ("depth", "normal", "diffuse", "glossy", "samples"):
+        a, b = getattr(found, name), getattr(expected, name)
+        assert (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes()), name
+
+
 @pytest.mark.parametrize("name", ["plain_frame", "full_frame"])
 def test_frame_reads_back_bit_by_bit(tmp_path, request, name):
     frame = request.getfixturevalue(name)
@@ -98,6 +115,7 @@ def test_frame_reads_back_bit_by_bit(tmp_path, request, name):
     else:
         np.testing.assert_array_equal(found.environment.image, frame.environment.image)
         np.testing.assert_array_equal(found.environment.world_from_view, frame.environment.world_from_view)
+    assert_same_fill(found.fill, frame.fill)
     for attribute in ("engine", "emission_in_direct", "world_in_direct", "notes", "seconds"):
         assert getattr(found, attribute) == getattr(frame, attribute), attribute
     assert found.layers.keys() == frame.layers.keys()
@@ -111,6 +129,7 @@ def test_file_names_are_the_stem(tmp_path, full_frame):
         "scene_0007.exr",
         "scene_0007.json",
         "scene_0007_environment.exr",
+        "scene_0007_fill.exr",
         "scene_0007_view1.exr",
         "scene_0007_view2.exr",
     ]
