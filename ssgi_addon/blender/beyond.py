@@ -15,6 +15,7 @@ from ..frame import CapturedFrame
 from ..view_cameras import overscan_camera, square_camera, surround_cameras
 from .capture_options import CaptureOptions
 from .engines import Engine
+from .fill import FILL_STRIDE, capture_fill
 from .hidden_surfaces import Take, add_hidden_surfaces
 from .light_views import light_cameras
 from .views import borrow_cameras, capture_views
@@ -64,28 +65,46 @@ class BeyondTheFrame:
             If a view cannot be rendered, or the render was cancelled.
         """
         options = self.options
-        hides = options.back_faces or options.behind
-        wants = options.overscan > 1.0 or options.surround or options.stations or options.light_views or hides
-        if not wants or frame.gbuffer.is_background.all():
+        goes_out = options.overscan > 1.0 or options.surround > 0
+        hides = options.back_faces or options.behind or options.stations > 0 or options.light_views > 0
+        if not (options.fill or goes_out or hides) or frame.gbuffer.is_background.all():
             return frame
         self.frame = frame
         # Of the direct light, so that the frame's size and the scene's shaders count
         pixels = frame.camera.width * frame.camera.height * options.samples
         self.sample_seconds = frame.seconds["light"] / pixels
         self.seconds_left = options.budget * frame.seconds["light"]
-        lost = self._look("overscan and surround", lambda lost: lost.left)
-        if lost is not None:
-            self._take("overscan", self._overscan())
+        # What brings most for its time comes first
+        if options.fill:
+            self._fill()
+        if goes_out and self._look("overscan, surround", lambda lost: lost.left):
             self._take("surround", self._surround())
-        if options.stations or options.light_views or hides:
-            lost = self._look(
-                "stations, lights, back faces and layers behind", lambda lost: lost.left + lost.hidden
-            )
+            self._take("overscan", self._overscan())
+        if hides:
+            names = "stations, views from lights, back faces, layers behind"
+            lost = self._look(names, lambda lost: lost.left + lost.hidden)
             if lost is not None:
-                self._take("lights", self._lamps())
                 self._take("stations", self._stations(lost), at_least=1)
+                self._take("lights", self._lamps())
                 self._look_behind()
         return self.frame
+
+    def _fill(self) -> None:
+        """Render the fill."""
+        if self.engine.name != "cycles":
+            note = "Only Cycles can render a fill: it is left out."
+            self.frame = replace(self.frame, notes=(*self.frame.notes, note))
+            return
+        pixels = self.frame.camera.width * self.frame.camera.height / FILL_STRIDE**2
+        # A path with all its bounces takes about twice the time of a sample of direct light
+        cost = self.render_seconds + 2.0 * pixels * self.options.fill * self.sample_seconds
+        if cost > self.seconds_left:
+            self._leave_out("fill", self._too_dear(cost))
+            return
+        self.report(0.6, "Fill")
+        fill, seconds = capture_fill(self.scene, self.view_layer, samples=self.options.fill)
+        self._spend("fill", seconds)
+        self.frame = replace(self.frame, fill=fill)
 
     def _look(self, names: str, share: Callable[[LostRays], float]) -> LostRays | None:
         """Send the quick pass; None, and a note, where too few rays are lost for what is named."""

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from ..core import Camera, Environment
 from ..frame import CapturedFrame
 from .beyond import BeyondTheFrame
-from .capture_options import CaptureOptions
 from .capture_notes import capture_notes
+from .capture_options import CaptureOptions
 from .cycles_passes import RenderedPasses
 from .engines import Engine, engine_named
 from .gbuffer import gbuffer_from_passes

@@ -15,7 +15,6 @@ from ssgi_addon.blender.build import add_box, add_camera, new_material
 from ssgi_addon.blender.capture import CaptureOptions, capture_frame
 from ssgi_addon.core import Settings, composite
 from ssgi_addon.core.fill import Fill
-from ssgi_addon.errors import SSGIError
 from ssgi_addon.frame import CapturedFrame
 from ssgi_addon.passes import read_passes, write_passes
 from ssgi_addon.results import compute_picture
@@ -149,9 +148,10 @@ def test_scene_is_as_before_after_a_cancel(room):
     assert not changes(before, fingerprint())
 
 
-def test_eevee_has_no_fill(room):
-    with pytest.raises(SSGIError, match="A fill is rendered by Cycles alone"):
-        capture_frame(room, replace(OPTIONS, engine="eevee"))
+def test_eevee_has_no_fill_and_says_so(room, gl_driver):
+    frame = capture_frame(room, replace(OPTIONS, engine="eevee"))
+    assert frame.fill is None
+    assert "Only Cycles can render a fill: it is left out." in frame.notes
 
 
 def test_captured_fill_reads_back_to_the_same_picture(room, tmp_path):
