@@ -40,7 +40,7 @@ def set_level(
     ----------
     lights
         Of each kind (P, 3), what rays brought to some pixels of the frame, unknown directions nothing or a
-        guess; the flat indices of these pixels (P,), ascending; and the fill's light of that kind (h, w, 3).
+        guess; the flat indices of these pixels (P,); and the fill's light of that kind (h, w, 3).
     frame
         Its G-buffer and camera.
     fill
@@ -50,11 +50,15 @@ def set_level(
     """
     moves = [_moves(*light, frame, fill, threads) for light in lights]
     # Weights are the same for all kinds of light
-    everywhere = np.unique(np.concatenate([pixel for _, pixel, _ in lights]))
+    is_lit = np.zeros(frame[0].depth.size, dtype=np.bool_)
+    for _, pixel, _ in lights:
+        is_lit[pixel] = True
+    everywhere = np.flatnonzero(is_lit)
+    slots = np.cumsum(is_lit) - 1
     carried, _ = carry_over(moves, (fill.surfaces, fill.camera), frame, everywhere, threads)
     levelled = []
     for (light, pixel, _), found in zip(lights, carried, strict=True):
-        found = found.take(np.searchsorted(everywhere, pixel), axis=0)
+        found = found.take(slots.take(pixel), axis=0)
         # Pixels of the fill that the frame does not see are no part of the mean
         found *= 1.0 / np.maximum(found[:, 3:], 1e-6)
         levelled.append(np.maximum(light + found[:, :3], 0.0))
