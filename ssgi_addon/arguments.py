@@ -24,7 +24,7 @@ def add_option(
     flag
         What the user writes.
     owner, name
-        The dataclass and its field: a whole number, or a switch that is off.
+        The dataclass and its field: a number, or a switch; one that is on is switched off by ``--no-…``.
     metavar
         Stands for the number in the help.
     """
@@ -33,12 +33,14 @@ def add_option(
     shared = {"dest": name, "default": argparse.SUPPRESS}
     help_text = rule["help"][0].lower() + rule["help"][1:]
     if isinstance(item.default, bool):
-        parser.add_argument(flag, action="store_true", help=help_text, **shared)
+        action = argparse.BooleanOptionalAction if item.default else "store_true"
+        parser.add_argument(flag, action=action, help=help_text, **shared)
         return
+    read = real_number if isinstance(item.default, float) else integer
     parser.add_argument(
         flag,
         metavar=metavar,
-        type=integer(rule["min"], rule["max"]),
+        type=read(rule["min"], rule["max"]),
         help=f"{help_text} (default: {item.default})",
         **shared,
     )
@@ -59,6 +61,21 @@ def integer(lowest: int, highest: int) -> Callable[[str], int]:
         value = whole_number(text)
         if not lowest <= value <= highest:
             raise argparse.ArgumentTypeError(f"expected {lowest} to {highest}, got {value}")
+        return value
+
+    return parse
+
+
+def real_number(lowest: float, highest: float) -> Callable[[str], float]:
+    """Return a reader of numbers from `lowest` to `highest`."""
+
+    def parse(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"expected a number, got {text!r}") from None
+        if not lowest <= value <= highest:
+            raise argparse.ArgumentTypeError(f"expected {lowest:g} to {highest:g}, got {text}")
         return value
 
     return parse

@@ -19,7 +19,7 @@ from .core.settings import PRESETS, DiffuseSettings, ReflectionSettings
 from .errors import SSGIError
 from .exr import FloatArray, Pixels, read_layers
 from .heatmap import error_map
-from .job_options import DEFAULT_PRESET, ENGINES, JobOptions
+from .job_options import BEYOND_FRAME, BUDGETS, DEFAULT_PRESET, ENGINES, JobOptions
 from .passes import remembered_settings
 from .png import write_png
 from .progress import Progress
@@ -111,8 +111,8 @@ def _add_render(commands: Any, *, inside_blender: bool) -> None:
         "--resolution", metavar="WxH", type=resolution, help="size in pixels (default: the scene's)"
     )
     add_option(parser, "--samples", JobOptions, "samples", metavar="N")
-    add_option(parser, "--surround", JobOptions, "surround", metavar="PIXELS")
-    add_option(parser, "--fill", JobOptions, "fill", metavar="N")
+    for name in BEYOND_FRAME:
+        add_option(parser, "--" + name.replace("_", "-"), JobOptions, name, metavar="N")
     frames = parser.add_mutually_exclusive_group()
     frames.add_argument(
         "--frame", metavar="N", type=lambda text: (whole_number(text),), dest="frames", help="one frame"
@@ -198,6 +198,7 @@ def _render(arguments: argparse.Namespace, progress: Progress) -> None:
     require_bpy()
     from .blender.job import run_job
 
+    given.setdefault("budget", BUDGETS[arguments.preset or DEFAULT_PRESET])
     options = JobOptions(settings=_settings(arguments), **given)
     report = run_job(arguments.scene, options, progress)
     progress.close()

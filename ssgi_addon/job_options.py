@@ -10,6 +10,14 @@ from .core import Settings
 from .core.settings import option
 
 DEFAULT_PRESET = "balanced"
+# Time for views beyond the frame, as a multiple of that of the direct light.
+BUDGETS = {"draft": 0.5, "balanced": 1.5, "final": 6.0}
+# What is captured beyond the frame, in the order of the panel.
+BEYOND_FRAME = (
+    "budget", "fill", "surround", "overscan", "stations", "light_views", "back_faces", "behind",
+)  # fmt: skip
+# Of these, what Cycles alone can capture.
+CYCLES_ONLY = ("fill", "back_faces", "behind")
 ENGINE_LABELS = {"cycles": "Cycles", "eevee": "EEVEE"}
 ENGINES = tuple(ENGINE_LABELS)
 _MOST_SAMPLES = 1 << 24  # of Cycles
@@ -55,6 +63,27 @@ class JobOptions:
     denoise: bool = option(
         True, "Denoise the direct light, where this Blender has a denoiser", label="Denoise"
     )
+    budget: float = option(
+        BUDGETS[DEFAULT_PRESET],
+        "Most time for all that is captured beyond the frame, as a multiple of the time of the direct light. "
+        "What rays would gain most by comes first, what they do not need is left out, and the report says why. "
+        "Presets set it",
+        label="Time Budget",
+        min=0.0,
+        max=1000.0,
+        soft_max=10.0,
+    )
+    fill: int = option(
+        16,
+        "Samples per pixel of a path-traced render of a quarter of the size each way, with all bounces: it "
+        "brings the light that rays cannot find. 0 renders none. Costs about a tenth of the direct light's "
+        "time at 16. Through Cycles only",
+        label="Fill",
+        unit="samples/pixel",
+        min=0,
+        max=_MOST_SAMPLES,
+        soft_max=64,
+    )
     surround: int = option(
         128,
         "Side of six small views around the camera, in which rays that leave the frame find what lies "
@@ -65,16 +94,45 @@ class JobOptions:
         max=4096,
         soft_max=512,
     )
-    fill: int = option(
-        0,
-        "Samples per pixel of a path-traced render of a quarter of the size each way, with all bounces: it "
-        "brings the light that rays in these views cannot find. 0 renders none. Costs about a tenth of the "
-        "direct light's time at 16. Through Cycles only",
-        label="Fill",
-        unit="samples/pixel",
+    overscan: float = option(
+        1.0,
+        "Width and height of one wider view, relative to the frame's, with as many pixels: sharper than the "
+        "surround for what lies just beyond the border. 1 captures none. Costs one render of the frame's size",
+        label="Overscan",
+        min=1.0,
+        max=8.0,
+        soft_max=2.0,
+    )
+    stations: int = option(
+        8,
+        "Most views from elsewhere, placed where they see what rays lose sight of behind things. 0 captures "
+        "none. Each costs a short render, a fraction of a second",
+        label="Stations",
+        unit="views",
         min=0,
-        max=_MOST_SAMPLES,
-        soft_max=64,
+        max=256,
+        soft_max=32,
+    )
+    light_views: int = option(
+        0,
+        "Most views from lamps, the strongest first: reflective shadow maps. Each costs a short render",
+        label="Light Views",
+        unit="views",
+        min=0,
+        max=64,
+        soft_max=8,
+    )
+    back_faces: bool = option(
+        True,
+        "Capture how thick things are, in all views, instead of guessing. Costs one more render of each view "
+        "with a single sample, and compiles all materials once more. Through Cycles only",
+        label="Back Faces",
+    )
+    behind: bool = option(
+        False,
+        "Capture the layer behind the visible surfaces with its direct light, in all views. Costs as much as "
+        "the direct light of frame and views. Through Cycles only",
+        label="Layer Behind",
     )
     save_passes: bool = option(
         False,

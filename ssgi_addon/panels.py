@@ -9,6 +9,7 @@ import bpy
 
 from .blender import compositor
 from .core.settings import DiffuseSettings, ReflectionSettings, Settings
+from .job_options import BEYOND_FRAME, CYCLES_ONLY
 
 
 class _RenderPanel:
@@ -41,11 +42,19 @@ class SSGI_PT_main(_RenderPanel, bpy.types.Panel):
         row = column.row()
         row.active = settings.engine == "cycles"
         row.prop(settings, "denoise")
-        layout.prop(settings, "surround")
-        row = layout.row()
-        row.active = settings.engine == "cycles"
-        row.prop(settings, "fill")
         layout.operator("ssgi.render", icon="RENDER_STILL")
+
+
+class SSGI_PT_beyond(_RenderPanel, bpy.types.Panel):
+    bl_label = "Beyond the Frame"
+    bl_parent_id = "SSGI_PT_main"
+
+    def draw_settings(self, layout, settings):
+        column = layout.column()
+        for name in BEYOND_FRAME:
+            row = column.row()
+            row.active = settings.engine == "cycles" or name not in CYCLES_ONLY
+            row.prop(settings, name)
 
 
 class SSGI_PT_diffuse(_RenderPanel, bpy.types.Panel):
@@ -116,6 +125,13 @@ def _draw_options(layout, group, settings_type):
             row.prop(group, item.name)
 
 
-CLASSES = (SSGI_PT_main, SSGI_PT_diffuse, SSGI_PT_reflections, SSGI_PT_advanced, SSGI_PT_output)
+CLASSES = (
+    SSGI_PT_main,
+    SSGI_PT_beyond,
+    SSGI_PT_diffuse,
+    SSGI_PT_reflections,
+    SSGI_PT_advanced,
+    SSGI_PT_output,
+)
 
 register, unregister = bpy.utils.register_classes_factory(CLASSES)

@@ -18,7 +18,7 @@ import numpy as np
 from .. import __version__
 from ..errors import SSGIError
 from ..files import write_json
-from ..job_options import JobOptions
+from ..job_options import BEYOND_FRAME, JobOptions
 from ..passes import settings_to_json, write_passes
 from ..results import Picture, check_writable, compute_picture, peak_memory_mb, write_picture
 from . import demo_scene
@@ -112,7 +112,7 @@ def render_frames(
             "engine": options.engine,
             "samples": options.samples,
             "denoise": options.denoise,
-            "surround": options.surround,
+            **_beyond(options),
             "fill": options.fill,
         },
         "frames": [],
@@ -172,8 +172,8 @@ def _render_one(scene: bpy.types.Scene, frame: int, options: JobOptions, progres
             denoise=options.denoise,
             resolution=options.resolution,
             frame=frame,
-            surround=options.surround,
             view_samples=VIEW_SAMPLES,
+            **_beyond(options),
         ),
         _part(progress, 0.0, 0.5 * share),
     )
@@ -197,6 +197,10 @@ def _render_one(scene: bpy.types.Scene, frame: int, options: JobOptions, progres
         sheet_path = compare_with_cycles(scene, picture, record, options, stem, rest)
     progress(1.0, "Done")
     return FrameResult(exr_path, png_path, sheet_path, record)
+
+
+def _beyond(options: JobOptions) -> dict[str, Any]:
+    return {name: getattr(options, name) for name in BEYOND_FRAME}
 
 
 def _record(frame: int, picture: Picture, seconds: dict[str, float]) -> Report:

@@ -19,6 +19,7 @@ from ssgi_addon.frame import CapturedFrame
 from ssgi_addon.passes import read_passes, write_passes
 from ssgi_addon.results import compute_picture
 from tests.blender.fingerprint import changes, fingerprint
+from tests.blender.opengl import needs_opengl
 from tests.scenes import build_closed_room, new_scene
 from tests.tolerances import (
     CAPTURED_GEOMETRY,
@@ -148,7 +149,8 @@ def test_scene_is_as_before_after_a_cancel(room):
     assert not changes(before, fingerprint())
 
 
-def test_eevee_has_no_fill_and_says_so(room, gl_driver):
+@needs_opengl
+def test_eevee_has_no_fill_and_says_so(room):
     frame = capture_frame(room, replace(OPTIONS, engine="eevee"))
     assert frame.fill is None
     assert "Only Cycles can render a fill: it is left out." in frame.notes
