@@ -241,7 +241,7 @@ def test_bad_pixel_tells_nothing_and_stays_local(corner, rng, name, bad):
     before = {field: plane.copy() for field, plane in planes.items()}
     planes[name][6, 8] = bad
     fill = Fill(**planes, camera=coarse)
-    if not (name == "normal" and bad in (-1.0,)):
+    if (name, bad) != ("normal", -1.0):  # which is a direction like any other
         assert np.isinf(fill.depth[6, 8])
         for field in ("normal", "diffuse", "glossy", "samples"):
             assert not np.any(getattr(fill, field)[6, 8])
