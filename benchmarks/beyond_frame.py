@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What views beyond the frame bring: rays that they answer, how many rightly, and the error of the light.
 
-Rays of the ``final`` preset against what they truly hit (`ray_truth`), and the preset's light against that of
+Rays of the ``final`` preset against what they truly hit (`ray_truth`), and a preset's light against that of
 Cycles. Run from the repository's root:
 
     python -m benchmarks.beyond_frame [--scenes bathroom ...] [--configurations frame surround]
-        [--size 480x270] [--rays 4000] [--no-light] [--samples 128] [--output FILE.json]
+        [--preset balanced] [--size 480x270] [--rays 4000] [--no-light] [--samples 128] [--output FILE.json]
     python -m benchmarks.beyond_frame --scenes cornell_box --bounces 1 --samples 512
 
 The light's errors are relative to those of no indirect light at all and free of the noise of Cycles' light.
@@ -17,28 +17,88 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks import record
-from benchmarks.cycles_truth import CyclesTruth, captured_frame, cycles_truth, real_scenes
+from benchmarks.cycles_truth import CyclesTruth, cycles_truth, real_scenes
 from benchmarks.inputs import parse_size
 from benchmarks.ray_truth import RAYS, RayTruth, ray_truth
 from benchmarks.ray_verdicts import Judgement, RayScore, WrongHits
 from benchmarks.variants import geometric_mean, relative_bias, relmse_without_noise
+from benchmarks.wide_frame import wide_frame
 from ssgi_addon.core import GBuffer, Settings, composite, render_indirect
 from ssgi_addon.core.planner import is_colored
-from ssgi_addon.core.scene import TraceScene, View
+from ssgi_addon.core.scene import TraceScene
+from ssgi_addon.core.settings import PRESETS
 from ssgi_addon.frame import CapturedFrame
 
-PRESET = "final"
+RAYS_PRESET = "final"
 # Relative errors below this, or below 0, are noise: they count as this in means.
 _LEAST = 1e-3
 
-Configuration = Callable[[CapturedFrame], tuple[GBuffer, Sequence[View]]]
+
+@dataclass(frozen=True)
+class Configuration:
+    """What is used of all that was captured.
+
+    Attributes
+    ----------
+    views
+        Names of the views, as in `CapturedFrame.view_names`.
+    back_faces, behind, fill
+        Whether the captured thickness, the layers behind and the fill are.
+    """
+
+    views: tuple[str, ...] = ()
+    back_faces: bool = False
+    behind: bool = False
+    fill: bool = False
+
+    def of(self, frame: CapturedFrame) -> CapturedFrame:
+        """Return the frame without all else."""
+        views = [
+            (self._layers(gbuffer), camera)
+            for (gbuffer, camera), name in zip(frame.views, frame.view_names, strict=True)
+            if name in self.views
+        ]
+        return replace(
+            frame,
+            gbuffer=self._layers(frame.gbuffer),
+            views=tuple(views),
+            fill=frame.fill if self.fill else None,
+        )
+
+    def _layers(self, gbuffer: GBuffer) -> GBuffer:
+        return replace(
+            gbuffer,
+            thickness=gbuffer.thickness if self.back_faces else None,
+            behind=gbuffer.behind if self.behind else None,
+        )
+
+
+_OUT = ("surround",)
+_AROUND = ("surround", "stations")
+# Switch by switch, each beside what it is added to.
+CONFIGURATIONS = {
+    "frame": Configuration(),
+    "overscan": Configuration(("overscan",)),
+    "surround": Configuration(_OUT),
+    "surround, overscan": Configuration(("surround", "overscan")),
+    "surround, backs": Configuration(_OUT, back_faces=True),
+    "surround, behind": Configuration(_OUT, behind=True),
+    "surround, lights": Configuration(("surround", "lights")),
+    "stations": Configuration(_AROUND),
+    "stations, backs": Configuration(_AROUND, back_faces=True),
+    "stations, lights": Configuration((*_AROUND, "lights")),
+    "all": Configuration((*_AROUND, "overscan", "lights"), back_faces=True, behind=True),
+    "fill": Configuration(fill=True),
+    "surround, fill": Configuration(_OUT, fill=True),
+    "stations, backs, fill": Configuration(_AROUND, back_faces=True, fill=True),
+}
 
 
 @dataclass(frozen=True)
@@ -76,51 +136,40 @@ class Score:
     light: LightScore | None
 
 
-def frame_alone(frame: CapturedFrame) -> tuple[GBuffer, Sequence[View]]:
-    """Return the frame's front layer, of guessed thickness."""
-    return _front(frame.gbuffer), ()
-
-
-def surround(frame: CapturedFrame) -> tuple[GBuffer, Sequence[View]]:
-    """Return the frame and the views from the camera's place, front layers alone."""
-    return _front(frame.gbuffer), [(_front(gbuffer), camera) for gbuffer, camera in frame.views]
-
-
-# What each has of what was captured; one more row is one more configuration.
-CONFIGURATIONS: dict[str, Configuration] = {"frame": frame_alone, "surround": surround}
-
-
-def _front(gbuffer: GBuffer) -> GBuffer:
-    return replace(gbuffer, thickness=None, behind=None)
-
-
 def score_rays(
     frame: CapturedFrame, configuration: Configuration, truth: RayTruth
 ) -> tuple[RayScore, WrongHits]:
     """Return what a configuration answers to the rays, and where its wrong hits come from."""
-    gbuffer, views = configuration(frame)
-    judgement = Judgement(TraceScene(gbuffer, frame.camera, views, Settings.preset(PRESET)), truth)
+    used = configuration.of(frame)
+    scene = TraceScene(used.gbuffer, used.camera, used.views, Settings.preset(RAYS_PRESET))
+    judgement = Judgement(scene, truth)
     return judgement.score(), judgement.wrong_hits()
 
 
-def score_light(truth: CyclesTruth, configuration: Configuration, bounces: int | None) -> LightScore:
-    """Return the errors of the light of the ``final`` preset.
+def score_light(
+    frame: CapturedFrame, truth: CyclesTruth, configuration: Configuration, preset: str, bounces: int | None
+) -> LightScore:
+    """Return the errors of a preset's light.
 
     Parameters
     ----------
+    frame
+        With all views.
     truth
-        Frame and light.
+        The frame's light.
     configuration
-        Of the frame.
+        What is used of the frame.
+    preset
+        Name of the settings.
     bounces
         Of our diffuse light; None means the preset's.
     """
-    frame, settings = truth.frame, Settings.preset(PRESET)
+    used, settings = configuration.of(frame), Settings.preset(preset)
     if bounces is not None:
         settings = replace(settings, diffuse=replace(settings.diffuse, bounces=bounces))
-    gbuffer, views = configuration(frame)
+    gbuffer = used.gbuffer
     start = time.perf_counter()
-    light = render_indirect(gbuffer, frame.camera, settings, frame.environment, views)
+    light = render_indirect(gbuffer, used.camera, settings, used.environment, used.views, fill=used.fill)
     seconds = time.perf_counter() - start
     none = np.zeros_like(light.diffuse)
     everywhere = np.ones(gbuffer.shape, bool)
@@ -171,24 +220,24 @@ def _print_rays(scores: Sequence[Score], figures: Mapping[str, Mapping[str, floa
     heads = [name.rpartition("_") for name in names]
     print("\nshares of rays, %; from 'hits right' on of the hits (of the escapes: 'escapes right')")
     for place in (0, 2):
-        print(f"{'':36}{''.join(f'{head[place]:>9}' for head in heads)}")
+        print(f"{'':42}{''.join(f'{head[place]:>9}' for head in heads)}")
     for scene, configuration, row in rows:
         shares = ("" if row[name] is None else f"{100.0 * row[name]:.1f}" for name in names)
-        print(f"{scene:20}{configuration:16}{''.join(f'{share:>9}' for share in shares)}")
+        print(f"{scene:20}{configuration:22}{''.join(f'{share:>9}' for share in shares)}")
 
 
 def _print_light(scores: Sequence[Score], figures: Mapping[str, Mapping[str, float | None]]) -> None:
     print("\nrelMSE of the light, relative to that of no indirect light (which 'alone' tells)")
-    print(f"{'':36}{'diffuse':>9}{'picture':>9}{'bias':>9}{'alone':>18}{'seconds':>9}")
+    print(f"{'':42}{'diffuse':>9}{'picture':>9}{'bias':>9}{'alone':>18}{'seconds':>9}")
     for one in scores:
         if one.light is not None:
             light = one.light
             print(
-                f"{one.scene:20}{one.configuration:16}{light.diffuse:9.4f}{light.picture:9.4f}{light.bias:+9.1%}"
+                f"{one.scene:20}{one.configuration:22}{light.diffuse:9.4f}{light.picture:9.4f}{light.bias:+9.1%}"
                 f"{light.diffuse_alone:9.4f}{light.picture_alone:9.4f}{light.seconds:9.1f}"
             )
     for name, row in figures.items():
-        print(f"{'geometric mean':20}{name:16}{row['diffuse']:9.4f}{row['picture']:9.4f}")
+        print(f"{'geometric mean':20}{name:22}{row['diffuse']:9.4f}{row['picture']:9.4f}")
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -202,6 +251,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--no-light", dest="light", action="store_false", help="leave out the light, which is slow"
     )
+    parser.add_argument("--preset", choices=PRESETS, default="balanced", help="of the light")
     parser.add_argument("--samples", type=int, default=128, help="of Cycles, per pixel")
     parser.add_argument("--bounces", type=int, help="of Cycles' light and ours; the scene's if left out")
     parser.add_argument("--output", type=Path, metavar="FILE.json", help="store the results there")
@@ -213,7 +263,7 @@ def main() -> None:
     arguments = _parser().parse_args()
     scores = []
     for name in arguments.scenes:
-        frame, truth = captured_frame(name, arguments.size), ray_truth(name, arguments.size, arguments.rays)
+        frame, truth = wide_frame(name, arguments.size), ray_truth(name, arguments.size, arguments.rays)
         agrees = f"depth agrees at {truth.depth_agrees.mean():.2%} of the pixels"
         print(f"{name}: {agrees}, truth is certain for {truth.counts.mean():.2%} of the rays", flush=True)
         target = None
@@ -221,14 +271,16 @@ def main() -> None:
             target = cycles_truth(name, arguments.size, arguments.samples, arguments.bounces)
         for text in arguments.configurations:
             rays, wrong = score_rays(frame, CONFIGURATIONS[text], truth)
-            light = target and score_light(target, CONFIGURATIONS[text], arguments.bounces)
+            light = target and score_light(
+                frame, target, CONFIGURATIONS[text], arguments.preset, arguments.bounces
+            )
             scores.append(Score(name, text, rays, wrong, light))
     figures = overall(scores)
     _print_rays(scores, figures)
     if arguments.light:
         _print_light(scores, figures)
     if arguments.output:
-        names = ("scenes", "configurations", "size", "rays", "light", "samples", "bounces")
+        names = ("scenes", "configurations", "preset", "size", "rays", "light", "samples", "bounces")
         parameters = {name: getattr(arguments, name) for name in names}
         results = {"overall": figures, "scores": [asdict(score) for score in scores]}
         record.store(arguments.output, parameters, results)

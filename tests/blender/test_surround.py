@@ -11,12 +11,12 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from mathutils import Vector
+from ssgi_addon.blender.surround import FACES, surround_pose
 
 from ssgi_addon.blender import compat, roughness, surround
 from ssgi_addon.blender.build import add_ball, add_box, add_camera, new_material, new_world, node_tree
 from ssgi_addon.blender.capture import CaptureOptions, capture_frame
 from ssgi_addon.blender.restore import Restorer
-from ssgi_addon.blender.surround import FACES, surround_pose
 from ssgi_addon.core import Camera
 from ssgi_addon.errors import SSGIError
 from tests.blender.test_capture import (

@@ -182,12 +182,14 @@ def test_benchmark_reports_what_further_views_bring(tmp_path, monkeypatch, capsy
     frame = captured([*CORRIDOR, BALL], BACKWARDS)
     halves = np.stack([0.1 + 0.0 * frame.gbuffer.direct] * 2)
     light = CyclesTruth(frame, halves, halves, is_floor=False)
-    monkeypatch.setattr(beyond_frame, "captured_frame", lambda name, size: frame)
+    frame = replace(frame, view_names=("surround",) * len(frame.views))
+    monkeypatch.setattr(beyond_frame, "wide_frame", lambda name, size: frame)
     monkeypatch.setattr(beyond_frame, "ray_truth", lambda *_: true_hits(frame, [*CORRIDOR, BALL]))
     monkeypatch.setattr(beyond_frame, "cycles_truth", lambda *_: light)
-    monkeypatch.setattr(beyond_frame, "PRESET", "draft")
+    monkeypatch.setattr(beyond_frame, "RAYS_PRESET", "draft")
     output = tmp_path / "result.json"
-    monkeypatch.setattr(sys, "argv", ["beyond_frame", "--scenes", "corridor", "--output", str(output)])
+    words = ["--scenes", "corridor", "--configurations", "frame", "surround", "--preset", "draft", "--output"]
+    monkeypatch.setattr(sys, "argv", ["beyond_frame", *words, str(output)])
     beyond_frame.main()
     results = json.loads(output.read_text(encoding="utf-8"))["results"]
     alone, around = results["scores"]
