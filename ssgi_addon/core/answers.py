@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +14,7 @@ from .depth_field import DepthField
 from .types import BoolArray, FloatArray, IntArray, StatusArray
 
 # Distances that differ by less are one: each view computes them in its own space.
-_TOUCHING = 1.0 + 1e-4
+TOUCHING = 1.0 + 1e-4
 # What lies before this part of the open stretch is not there; nearer to its end, views differ by their pixels.
 _SURELY_BEFORE = 0.98
 
@@ -73,8 +73,9 @@ class MergedAnswers:
     """The nearest answer that several fields give to the same rays.
 
     What a view saw a ray pass in the open, in front of all its surfaces, is empty, whatever another view
-    guesses to be there that has lost sight of the ray: a hit on entry, or something in the way. Beyond what any view saw, a ray that one field blocks at distance t takes
-    hits of the others up to t plus the blocking surface's thickness.
+    guesses to be there that has lost sight of the ray: a hit on entry, or something in the way. Beyond what
+    any view saw, a ray that one field blocks at distance t takes hits of the others up to t plus the blocking
+    surface's thickness.
     """
 
     def __init__(self, count: int, dtype: np.dtype[Any]) -> None:
@@ -94,7 +95,7 @@ class MergedAnswers:
             found.distance.take(hit),
             found.x_px.take(hit),
             found.y_px.take(hit),
-            found.hidden.take(hit) >= found.distance.take(hit),
+            np.isinf(found.hidden.take(hit)),
         )
         self._hits.append(hits)
         self.nearest[hits.ray] = np.minimum(self.nearest.take(hits.ray), hits.distance)
@@ -108,39 +109,49 @@ class MergedAnswers:
         """Take in what one view saw; nothing is lost if it begins where others have not seen the ray yet."""
         self._sights.append(sight)
         for _ in self._sights:
-            if not any(self._extend(known) for known in self._sights):
+            # All of them each time: rays that need the same ones may need them in another order
+            if not any([self._extend(known) for known in self._sights]):
                 return
 
     def _extend(self, sight: Sight) -> bool:
         """Follow rays on that come into sight before what is known of them ends; return if any goes on."""
         known = self.open_until.take(sight.ray)
-        further = np.flatnonzero((sight.begin <= known * _TOUCHING) & (sight.end > known))
+        further = np.flatnonzero((sight.begin <= known * TOUCHING) & (sight.end > known))
         self.open_until[sight.ray.take(further)] = sight.end.take(further)
         return further.size > 0
 
     def is_uncertain(self) -> BoolArray:
         """Return (N,) which rays no view saw all the way to what they hit, or to the sky."""
-        is_open: BoolArray = (self.open_until >= self.nearest) | np.isinf(self.open_until)
+        nearest = np.full_like(self.open_until, np.inf)
+        for hits, kept in self._nearer_and_nearer(nearest):
+            nearest[hits.ray.take(kept)] = hits.distance.take(kept)
+        is_open: BoolArray = (self.open_until >= nearest) | np.isinf(self.open_until)
         return ~is_open
+
+    def _nearer_and_nearer(self, nearest: FloatArray) -> Iterator[tuple[_Hits, IntArray]]:
+        """Go through what was hit; yield which hits are there and nearer than the caller's `nearest` by then."""
+        for hits in self._hits:
+            is_there = hits.is_in_sight | (hits.distance >= _SURELY_BEFORE * self.open_until.take(hits.ray))
+            yield hits, np.flatnonzero(is_there & (hits.distance < nearest.take(hits.ray)))
 
     def answers(self, texels: int) -> Answers:
         """Return what is known by now; `texels` is the texel of rays that hit nothing."""
         count = self.nearest.shape[0]
+        is_blocked = np.zeros(count, dtype=np.bool_)
         nearest, limit = np.full((2, count), np.inf, dtype=self.nearest.dtype)
         texel, (x, y) = np.zeros(count, dtype=np.int64), np.zeros((2, count), dtype=nearest.dtype)
-        for hits in self._hits:
-            is_there = hits.is_in_sight | (hits.distance >= _SURELY_BEFORE * self.open_until.take(hits.ray))
-            kept = np.flatnonzero(is_there & (hits.distance < nearest.take(hits.ray)))
+        for hits, kept in self._nearer_and_nearer(nearest):
             ray = hits.ray.take(kept)
             for all_rays, own in ((nearest, hits.distance), (texel, hits.texel), (x, hits.x), (y, hits.y)):
                 all_rays[ray] = own.take(kept)
         for ray, begin, until in self._blocks:
             is_unseen = np.flatnonzero(begin >= self.open_until.take(ray))
             ray = ray.take(is_unseen)
-            limit[ray] = np.minimum(limit.take(ray), until.take(is_unseen))
+            is_blocked[ray] = True
+            limit[ray] = np.minimum(limit.take(ray), until.take(is_unseen))  # +inf: solid without end
         is_hit = (nearest < np.inf) & (nearest <= limit)
         # Something in the way is more certain than an open sky
-        cases = [is_hit, limit < np.inf, self.escapes]
+        cases = [is_hit, is_blocked, self.escapes]
         kinds = [np.int8(tracer.HIT), np.int8(tracer.BLOCKED), np.int8(tracer.ESCAPED)]
         return only_hits(np.select(cases, kinds, np.int8(tracer.UNKNOWN)), texel, nearest, x, y, texels)
 

@@ -36,7 +36,7 @@ class TraceScene:
     method
         As in `ReflectionSettings.method`.
     notes_hidden
-        Note where rays go out of the sight of their own view; None where views from elsewhere need it.
+        Note where rays go out of the sight of their own view; None where other views or layers answer, too.
     """
 
     def __init__(
@@ -72,9 +72,13 @@ class TraceScene:
                 placed.offsets.append(self.texels)
                 self.texels += layer.depth.size
                 layer = layer.behind
+            # Layers of one view end together: rays come into the sight of all of them or of none
+            q_end = min(field.q_end for field in placed.fields)
+            placed.fields[:] = [replace(field, q_end=q_end) for field in placed.fields]
             self.views.append(placed)
         self.places = places_of(self.views)
-        self.notes_hidden = len(self.places) > 1 if notes_hidden is None else notes_hidden
+        has_others = sum(len(view.fields) for view in self.views) > 1
+        self.notes_hidden = has_others if notes_hidden is None else notes_hidden
 
     @property
     def dtype(self) -> np.dtype[Any]:
