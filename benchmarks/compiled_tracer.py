@@ -180,7 +180,7 @@ def _project(field, origin, direction, ray, max_distance):
         q, inverse = oz, one
         vx, vy, vq = field.fx * dx, -field.fy * dy, dz
         s_vanish = (field.q_end - q) / vq if vq < 0.0 else infinity
-        s_limit = max_distance
+        s_limit = min(max_distance, -q / vq) if vq > 0.0 else max_distance
     else:
         q = one / -oz
         inverse = q

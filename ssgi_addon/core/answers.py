@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +14,7 @@ from .depth_field import DepthField
 from .types import BoolArray, FloatArray, IntArray, StatusArray
 
 # Distances that differ by less are one: each view computes them in its own space.
-_TOUCHING = 1.0 + 1e-4
+TOUCHING = 1.0 + 1e-4
 # What lies before this part of the open stretch is not there; nearer to its end views differ by their pixels.
 _SURELY_BEFORE = 0.98
 
@@ -86,62 +86,87 @@ class MergedAnswers:
         self._blocks: list[tuple[IntArray, FloatArray, FloatArray]] = []
         self._sights: list[Sight] = []
 
-    def add(self, field: DepthField, offset: int, ray: IntArray, found: tracer.TraceResult) -> None:
-        """Take in what one field answers to the listed rays; its pixels are texels from `offset` on."""
-        hit = np.flatnonzero(found.status == tracer.HIT)
+    def add(
+        self,
+        field: DepthField,
+        offset: int,
+        ray: IntArray,
+        found: tracer.TraceResult,
+        is_lit: BoolArray | None = None,
+    ) -> None:
+        """Take in what one field answers to the listed rays; its pixels are texels from `offset` on.
+
+        `is_lit` is given for a layer behind, (H*W,): the bounces that such a layer receives are not known, so
+        what no light reaches directly is in the way, and no answer. Nor is its background the sky: nothing
+        was captured there.
+        """
+        hit, blocked = (np.flatnonzero(found.status == kind) for kind in (tracer.HIT, tracer.BLOCKED))
+        if is_lit is None:
+            self.escapes[ray[found.status == tracer.ESCAPED]] = True
+        else:
+            shows = is_lit.take(found.pixel.take(hit))
+            hit, blocked = hit[shows], np.concatenate([blocked, hit[~shows]])
         hits = _Hits(
             ray.take(hit),
             found.pixel.take(hit) + offset,
             found.distance.take(hit),
             found.x_px.take(hit),
             found.y_px.take(hit),
-            found.hidden.take(hit) >= found.distance.take(hit),
+            np.isinf(found.hidden.take(hit)),
         )
         self._hits.append(hits)
         self.nearest[hits.ray] = np.minimum(self.nearest.take(hits.ray), hits.distance)
-        blocked = np.flatnonzero(found.status == tracer.BLOCKED)
         begin = found.distance.take(blocked)
         limit = begin + _thickness(field, found.pixel.take(blocked))
         self._blocks.append((ray.take(blocked), begin, limit))
-        self.escapes[ray[found.status == tracer.ESCAPED]] = True
 
     def see(self, sight: Sight) -> None:
         """Take in what one view saw; nothing is lost if it begins where others have not seen the ray yet."""
         self._sights.append(sight)
         for _ in self._sights:
-            if not any(self._extend(known) for known in self._sights):
+            # All of them each time: rays that need the same ones may need them in another order
+            if not any([self._extend(known) for known in self._sights]):
                 return
 
     def _extend(self, sight: Sight) -> bool:
         """Follow rays on that come into sight before what is known of them ends; return if any goes on."""
         known = self.open_until.take(sight.ray)
-        further = np.flatnonzero((sight.begin <= known * _TOUCHING) & (sight.end > known))
+        further = np.flatnonzero((sight.begin <= known * TOUCHING) & (sight.end > known))
         self.open_until[sight.ray.take(further)] = sight.end.take(further)
         return further.size > 0
 
     def is_uncertain(self) -> BoolArray:
         """Return (N,) which rays no view saw all the way to what they hit, or to the sky."""
-        is_open: BoolArray = (self.open_until >= self.nearest) | np.isinf(self.open_until)
+        nearest = np.full_like(self.open_until, np.inf)
+        for hits, kept in self._nearer_and_nearer(nearest):
+            nearest[hits.ray.take(kept)] = hits.distance.take(kept)
+        is_open: BoolArray = (self.open_until >= nearest) | np.isinf(self.open_until)
         return ~is_open
+
+    def _nearer_and_nearer(self, nearest: FloatArray) -> Iterator[tuple[_Hits, IntArray]]:
+        """Go through what was hit; yield which hits are there and nearer than the caller's `nearest` by then."""
+        for hits in self._hits:
+            is_there = hits.is_in_sight | (hits.distance >= _SURELY_BEFORE * self.open_until.take(hits.ray))
+            yield hits, np.flatnonzero(is_there & (hits.distance < nearest.take(hits.ray)))
 
     def answers(self, texels: int) -> Answers:
         """Return what is known by now; `texels` is the texel of rays that hit nothing."""
         count = self.nearest.shape[0]
+        is_blocked = np.zeros(count, dtype=np.bool_)
         nearest, limit = np.full((2, count), np.inf, dtype=self.nearest.dtype)
         texel, (x, y) = np.zeros(count, dtype=np.int64), np.zeros((2, count), dtype=nearest.dtype)
-        for hits in self._hits:
-            is_there = hits.is_in_sight | (hits.distance >= _SURELY_BEFORE * self.open_until.take(hits.ray))
-            kept = np.flatnonzero(is_there & (hits.distance < nearest.take(hits.ray)))
+        for hits, kept in self._nearer_and_nearer(nearest):
             ray = hits.ray.take(kept)
             for all_rays, own in ((nearest, hits.distance), (texel, hits.texel), (x, hits.x), (y, hits.y)):
                 all_rays[ray] = own.take(kept)
         for ray, begin, until in self._blocks:
             is_unseen = np.flatnonzero(begin >= self.open_until.take(ray))
             ray = ray.take(is_unseen)
-            limit[ray] = np.minimum(limit.take(ray), until.take(is_unseen))
+            is_blocked[ray] = True
+            limit[ray] = np.minimum(limit.take(ray), until.take(is_unseen))  # +inf: solid without end
         is_hit = (nearest < np.inf) & (nearest <= limit)
         # Something in the way is more certain than an open sky
-        cases = [is_hit, limit < np.inf, self.escapes]
+        cases = [is_hit, is_blocked, self.escapes]
         kinds = [np.int8(tracer.HIT), np.int8(tracer.BLOCKED), np.int8(tracer.ESCAPED)]
         return only_hits(np.select(cases, kinds, np.int8(tracer.UNKNOWN)), texel, nearest, x, y, texels)
 

@@ -5,18 +5,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from . import tracer
-from .answers import MergedAnswers, Sight, sight_through_layers
+from .answers import TOUCHING, MergedAnswers, Sight, sight_through_layers
 from .camera import Camera
 from .depth_field import DepthField
 from .field_stack import FieldStack
 from .gbuffer import GBuffer
-from .types import FloatArray, IntArray
+from .types import BoolArray, FloatArray, IntArray
 
-# Cameras nearer to each other than this share of their nearest surface's depth stand at one place.
+# Cameras nearer to each other than this share of their nearest surface's depth stand at one place; parallel
+# views, whose directions and planes differ by less than this share of 1 and of their width.
 _SAME_PLACE = 1e-4
 
 
@@ -28,6 +30,12 @@ class PlacedView:
     layers: list[GBuffer]
     fields: list[DepthField]
     offsets: list[int]
+
+    @cached_property
+    def is_lit(self) -> list[BoolArray | None]:
+        """Where each layer behind hands on light (H*W,); None for the front layer."""
+        behind = [(layer.diffuse_source > 0.0).any(axis=-1).reshape(-1) for layer in self.layers[1:]]
+        return [None, *behind]
 
     @property
     def nearest_depth(self) -> float:
@@ -108,8 +116,14 @@ class Place:
             stack.trace(visits, limits, threads)
             for visit in visits:
                 view = stack.shown[visit.index]
-                offset = self.views[view].offsets[stack.layer]
-                merged.add(stack.fields.fields[visit.index], offset, rays.number.take(visit.ray), visit.found)
+                placed = self.views[view]
+                merged.add(
+                    placed.fields[stack.layer],
+                    placed.offsets[stack.layer],
+                    rays.number.take(visit.ray),
+                    visit.found,
+                    placed.is_lit[stack.layer],
+                )
         for layers in seen.values():
             in_sight = sight_through_layers(
                 [visit.found for visit in layers], [visit.asked for visit in layers[1:]]
@@ -118,10 +132,10 @@ class Place:
 
 
 def places_of(views: Sequence[PlacedView]) -> list[Place]:
-    """Group views by the place that they look from; each orthographic one looks from a place of its own."""
+    """Group views by the place that they look from: for parallel ones, the direction and the plane."""
     groups: list[list[int]] = []
     for index, view in enumerate(views):
-        own = [] if view.camera.is_orthographic else [one for one in groups if _is_at(views[one[0]], view)]
+        own = [one for one in groups if _is_at(views[one[0]], view)]
         if own:
             own[0].append(index)
         else:
@@ -135,9 +149,15 @@ def move_between(home: Camera, other: Camera) -> FloatArray:
 
 
 def _is_at(first: PlacedView, second: PlacedView) -> bool:
-    if first.camera.is_orthographic:
+    one, other = first.camera, second.camera
+    if one.is_orthographic != other.is_orthographic:
         return False
-    apart = first.camera.world_from_view[:3, 3] - second.camera.world_from_view[:3, 3]
+    apart = one.world_from_view[:3, 3] - other.world_from_view[:3, 3]
+    if one.is_orthographic:
+        back = one.world_from_view[:3, 2]
+        is_parallel = np.linalg.norm(back - other.world_from_view[:3, 2]) <= _SAME_PLACE
+        width = min(one.width / one.fx, other.width / other.fx)
+        return bool(is_parallel and abs(apart @ back) <= _SAME_PLACE * width)
     nearest = min(first.nearest_depth, second.nearest_depth)
     return bool(np.linalg.norm(apart) <= _SAME_PLACE * nearest)
 
@@ -216,7 +236,7 @@ def _visit(view: PlacedView, index: int, rays: OnwardRays, max_distance: float) 
     moved = np.stack([r[0] * ox + r[1] * oy + r[2] * oz + r[3] for r in rows])
     turned = np.stack([r[0] * dx + r[1] * dy + r[2] * dz for r in rows])
     begin = _in_front_of_camera(view, moved, turned, rays.begin)
-    reaching = np.flatnonzero(begin < max_distance)
+    reaching = np.flatnonzero(begin * TOUCHING < max_distance)
     begin, turned = begin.take(reaching), turned.take(reaching, axis=1)
     moved = moved.take(reaching, axis=1) + turned * begin
     lines = tracer.project_rays(view.fields[0], moved, turned, max_distance - begin, index)
@@ -234,9 +254,7 @@ def _in_front_of_camera(
     view: PlacedView, origin: FloatArray, direction: FloatArray, begin: FloatArray
 ) -> FloatArray:
     """Return from which distance rays lie in front of a view's camera: at least `begin`, +inf for never."""
-    if view.camera.is_orthographic:
-        return begin
-    near = 0.5 * view.nearest_depth
+    near = 0.0 if view.camera.is_orthographic else 0.5 * view.nearest_depth
     depth, approach = -origin[2], -direction[2]
     with np.errstate(divide="ignore", invalid="ignore"):
         enters = np.where(approach > 0.0, (near - depth) / approach, np.inf)

@@ -36,8 +36,7 @@ class TraceScene:
     method
         As in `ReflectionSettings.method`.
     notes_hidden
-        Note where rays go out of the sight of their own view; None where layers behind or views from
-        elsewhere need it.
+        Note where rays go out of the sight of their own view; None where other views or layers answer, too.
     """
 
     def __init__(
@@ -73,10 +72,13 @@ class TraceScene:
                 placed.offsets.append(self.texels)
                 self.texels += layer.depth.size
                 layer = layer.behind
+            # Layers of one view end together: rays come into the sight of all of them or of none
+            q_end = min(field.q_end for field in placed.fields)
+            placed.fields[:] = [replace(field, q_end=q_end) for field in placed.fields]
             self.views.append(placed)
         self.places = places_of(self.views)
-        needs_hidden = len(self.places) > 1 or any(len(view.fields) > 1 for view in self.views)
-        self.notes_hidden = needs_hidden if notes_hidden is None else notes_hidden
+        has_others = sum(len(view.fields) for view in self.views) > 1
+        self.notes_hidden = has_others if notes_hidden is None else notes_hidden
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -196,14 +198,14 @@ class TraceScene:
         found: list[tracer.TraceResult] = []
         followed: list[IntArray] = []
         ray = np.arange(origin.shape[1])
-        for field, offset in zip(view.fields, view.offsets, strict=True):
+        for field, offset, is_lit in zip(view.fields, view.offsets, view.is_lit, strict=True):
             if found:
                 # What stayed in sight meets nothing in the layers behind
                 followed.append(np.flatnonzero(found[-1].hidden < np.inf))
                 ray = ray.take(followed[-1])
                 origin, direction = (vector.take(followed[-1], axis=1) for vector in (origin, direction))
             found.append(self._trace(field, origin, direction, threads, advance))
-            merged.add(field, offset, ray, found[-1])
+            merged.add(field, offset, ray, found[-1], is_lit)
         left = np.where(found[0].status == tracer.UNKNOWN, found[0].distance, np.inf)
         return left.astype(origin.dtype), sight_through_layers(found, followed)
 

@@ -151,7 +151,9 @@ def project_rays(
             q, inverse = -depth, 1.0
             vx, vy, vq = camera.fx * dx, -camera.fy * dy, dz
             s_vanish = np.where(vq < 0.0, (field.q_end - q) / vq, np.inf).astype(vq.dtype)
-            s_limit = np.full_like(vx, max_distance)  # a number or one each
+            # Nothing behind the camera's plane is in its sight
+            to_plane = np.where(vq > 0.0, -q / vq, np.inf)
+            s_limit = np.minimum(max_distance, to_plane).astype(vx.dtype)
         else:
             q = 1.0 / depth
             inverse = q
@@ -176,7 +178,20 @@ def _entry_into_frame(
         is_outside = (position < 0.0) | (position > size)
         enters = is_outside & (to_border > 0.0)
         s_begin = np.maximum(s_begin, np.where(enters, to_border, np.where(is_outside, np.inf, 0.0)))
+    # Past a corner: out of the frame's height before it is within its width, or the other way round
+    s_begin = np.where(s_begin < _exit_from_frame(camera, start, velocity), s_begin, np.inf)
     return s_begin.astype(start[0].dtype)
+
+
+def _exit_from_frame(
+    camera: Camera, start: tuple[FloatArray, ...], velocity: tuple[FloatArray, ...]
+) -> FloatArray:
+    """Return s at which each ray last lies within both the frame's width and its height, +inf for no end."""
+    s_exit = np.full_like(start[0], np.inf)
+    for position, speed, size in zip(start, velocity, (camera.width, camera.height)):
+        border = (np.where(speed > 0.0, float(size), 0.0) - position) / speed
+        s_exit = np.minimum(s_exit, np.where(speed == 0.0, np.inf, border))
+    return s_exit
 
 
 def pass_through(
@@ -190,12 +205,8 @@ def pass_through(
     camera = field.camera
     rays = project_rays(field, origin_vs, direction_vs, max_distance)
     result = TraceResult.empty(direction_vs.shape[1], direction_vs.dtype)
-    s_exit = np.full_like(rays.s_vanish, np.inf)
     with np.errstate(divide="ignore", invalid="ignore"):
-        for start, velocity, size in zip(rays.start, rays.velocity, (camera.width, camera.height)):
-            border = (np.where(velocity > 0.0, float(size), 0.0) - start) / velocity
-            s_exit = np.minimum(s_exit, np.where(velocity == 0.0, np.inf, border))
-        s_end = np.minimum(s_exit, rays.s_limit)
+        s_end = np.minimum(_exit_from_frame(camera, rays.start, rays.velocity), rays.s_limit)
         distance = s_end if camera.is_orthographic else s_end / (rays.start[2] + s_end * rays.velocity[2])
     stays = rays.s_vanish <= s_end
     result.distance[:] = np.where(stays, np.inf, distance)

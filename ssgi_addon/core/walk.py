@@ -198,7 +198,8 @@ class Walk:
             np.copyto(s, s_out, where=leaves)
         over = ~(s < state[S_END]) | (start >= limit).any(axis=0)
         group = RayGroup(ids, rays.field, slot, np.full_like(ids, self.steps), state)
-        self._finish(group, np.flatnonzero(over & is_visible))
+        # Rays that end before they begin have seen nothing; only what has vanished by then stays unfollowed
+        self._finish(group, np.flatnonzero(over & (is_visible | (state[S_END] < state[S_VANISH]))))
         state[S_END, over] = np.nan
         s[over] = np.nan
         return group

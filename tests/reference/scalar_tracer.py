@@ -30,7 +30,9 @@ def trace_ray(field: DepthField, origin, direction, max_distance=math.inf, start
         x0, y0 = camera.cx + camera.fx * ox, camera.cy - camera.fy * oy
         vx, vy = camera.fx * dx, -camera.fy * dy
         s_vanish = (field.q_end - q0) / vq if vq < 0 else math.inf
-        s_limit = max_distance
+        s_limit = (
+            min(max_distance, -oz / dz) if dz > 0 else max_distance
+        )  # no farther than the camera's plane
     else:
         q0 = -1.0 / oz
         x0, y0 = camera.cx + camera.fx * ox * q0, camera.cy - camera.fy * oy * q0
@@ -42,8 +44,15 @@ def trace_ray(field: DepthField, origin, direction, max_distance=math.inf, start
             s_limit = max_distance / (-oz - max_distance * dz)
     s = max(_entry(x0, vx, width), _entry(y0, vy, height))
     s_stop = min(s_vanish, s_limit)
-    if s >= s_stop or not _is_over(x0 + vx * s, width) or not _is_over(y0 + vy * s, height):
+    if s >= s_vanish or not _is_over(x0 + vx * s, width) or not _is_over(y0 + vy * s, height):
         return tracer.UNKNOWN, -1, math.inf, math.inf
+    if s >= s_limit:
+        return (
+            tracer.UNKNOWN,
+            -1,
+            s_limit if camera.is_orthographic else s_limit / (q0 + vq * s_limit),
+            math.inf,
+        )
     ix, iy = math.floor(x0 + vx * s), math.floor(y0 + vy * s)
     if s > 0.0:  # over the border just now
         ix, iy = min(max(ix, 0), width - 1), min(max(iy, 0), height - 1)
