@@ -66,8 +66,8 @@ class JobOptions:
     budget: float = option(
         BUDGETS[DEFAULT_PRESET],
         "Most time for all that is captured beyond the frame, as a multiple of the time of the direct light. "
-        "What rays would gain most by comes first, what they do not need is left out, and the report says why. "
-        "Presets set it",
+        "What rays would gain most by comes first, what they do not need is left out, and the report says "
+        "why. Presets set it",
         label="Time Budget",
         min=0.0,
         max=1000.0,
@@ -97,7 +97,8 @@ class JobOptions:
     overscan: float = option(
         1.0,
         "Width and height of one wider view, relative to the frame's, with as many pixels: sharper than the "
-        "surround for what lies just beyond the border. 1 captures none. Costs one render of the frame's size",
+        "surround for what lies just beyond the border. 1 captures none. Costs one render of the frame's "
+        "size",
         label="Overscan",
         min=1.0,
         max=8.0,

@@ -113,7 +113,6 @@ def render_frames(
             "samples": options.samples,
             "denoise": options.denoise,
             **_beyond(options),
-            "fill": options.fill,
         },
         "frames": [],
     }

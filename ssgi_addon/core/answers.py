@@ -125,7 +125,8 @@ class MergedAnswers:
         self._sights.append(sight)
         for _ in self._sights:
             # All of them each time: rays that need the same ones may need them in another order
-            if not any([self._extend(known) for known in self._sights]):
+            extended = [self._extend(known) for known in self._sights]
+            if not any(extended):
                 return
 
     def _extend(self, sight: Sight) -> bool:
@@ -144,7 +145,7 @@ class MergedAnswers:
         return ~is_open
 
     def _nearer_and_nearer(self, nearest: FloatArray) -> Iterator[tuple[_Hits, IntArray]]:
-        """Go through what was hit; yield which hits are there and nearer than the caller's `nearest` by then."""
+        """Yield what was hit, and which of it is there and nearer than the caller's `nearest` by then."""
         for hits in self._hits:
             is_there = hits.is_in_sight | (hits.distance >= _SURELY_BEFORE * self.open_until.take(hits.ray))
             yield hits, np.flatnonzero(is_there & (hits.distance < nearest.take(hits.ray)))

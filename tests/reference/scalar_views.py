@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What several views say of a ray, one ray at a time, in plain Python floats.
 
-Slow and obvious on purpose. What a single field says is `scalar_tracer`'s; here is how views and their layers
-are asked in turn, and which answer wins:
+Slow and obvious on purpose. What a single field says is `scalar_tracer`'s; here is how views and their
+layers are asked in turn, and which answer wins:
 
-- The home view is asked from the ray's origin. Views of the same place are asked from where the ray leaves its
-  frame, unless something was met there: from one place, everything else hides what it hid before.
+- The home view is asked from the ray's origin. Views of the same place are asked from where the ray leaves
+  its frame, unless something was met there: from one place, everything else hides what it hid before.
 - Views of other places are asked from where the ray goes out of sight, one place after the other, until one
   has seen it all the way to an answer.
 - A view sees a ray in the open from where it comes over its frame to what it meets, or to where it goes behind
@@ -37,7 +37,7 @@ SAME_PLACE = 1e-4
 
 @dataclass
 class Known:
-    """What is known of one ray: hits (distance, texel, in sight), blocks (begin, until), and open stretches."""
+    """What is known of one ray: hits (distance, texel, in sight), blocks (begin, until), open stretches."""
 
     hits: list[tuple[float, int, bool]] = field(default_factory=list)
     blocks: list[tuple[float, float]] = field(default_factory=list)
