@@ -292,6 +292,16 @@ def test_nothing_is_behind_the_last_surface(stage):
     assert np.allclose(frame.gbuffer.thickness, 1.0, atol=BACK_FACE)
 
 
+def test_nothing_is_behind_an_invisible_back(stage):
+    """Cycles gives it no depth, though it tells what it is."""
+    bpy.data.objects.remove(stage.objects["Wall"])
+    sheet = add_sheet(stage, new_material("Paper", WHITE))
+    sheet.rotation_euler = (0.3, 0.0, 0.4)
+    flip(add_sheet(stage, material_of(lambda net: net.add("ShaderNodeBsdfTransparent")), y=2.0, half=0.8))
+    frame = capture_frame(stage, OPTIONS)
+    assert np.isposinf(frame.gbuffer.behind.depth[pixels_of(frame, DISTANCE + HALF)]).all()
+
+
 def test_a_threshold_of_nothing_still_looks_through(stage):
     stage.view_layers[0].pass_alpha_threshold = 0.0
     add_cube(stage, new_material("Clay", RED))
