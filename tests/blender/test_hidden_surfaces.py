@@ -23,7 +23,8 @@ from ssgi_addon.blender.build import (
 )
 from ssgi_addon.blender.capture import CaptureOptions, capture_frame
 from ssgi_addon.blender.restore import Restorer
-from ssgi_addon.core import Settings
+from ssgi_addon.core import Camera, GBuffer, Settings
+from ssgi_addon.thickness import Orientation, SurfaceIdentity, thickness_of
 from tests.blender.fingerprint import changes, fingerprint
 from tests.blender.opengl import needs_opengl
 from tests.blender.test_roughness import Network, new_group
@@ -190,6 +191,31 @@ def test_single_plane_is_a_thin_sheet(stage, turn, wall):
     assert thickness.max() < 2.0 * footprint
     expected = DISTANCE + WALL if wall == "wall" else np.inf
     assert np.allclose(frame.gbuffer.behind.depth[sheet], expected, rtol=CAPTURED_GEOMETRY)
+
+
+def test_sheet_seen_edge_on_is_no_thicker_than_the_heuristic():
+    """Its plane has no slope that is a number."""
+    shape = (3, 3)
+    black, depth = np.zeros((*shape, 3)), np.full(shape, 2.0, dtype=np.float32)
+    gbuffer = GBuffer(
+        depth=depth,
+        normal=np.broadcast_to((0.6, 0.8, 0.0), black.shape),
+        albedo=black,
+        specular=black,
+        roughness=np.ones(shape),
+        direct=black,
+    )
+    paper = SurfaceIdentity(
+        is_known=np.ones(shape, dtype=bool),
+        is_back=np.zeros(shape, dtype=bool),
+        material=np.zeros(shape, dtype=np.int64),
+        thing=np.zeros(shape, dtype=np.float32),
+    )
+    camera = Camera.orthographic(3, 3, 1.0)
+    things = Orientation([paper.thing], [paper])
+    thickness = thickness_of(gbuffer, camera, depth + 1.0, paper, paper, things)
+    assert (thickness > 0.0).all()
+    assert (thickness <= Settings().thickness).all()  # of a view that is 1 wide
 
 
 def test_wall_that_shows_its_back_is_the_layer_behind(stage):
