@@ -65,11 +65,19 @@ class BeyondTheFrame:
             If a view cannot be rendered, or the render was cancelled.
         """
         options = self.options
-        goes_out = options.overscan > 1.0 or options.surround > 0
-        hides = options.back_faces or options.behind or options.stations > 0 or options.light_views > 0
-        if not (options.fill or goes_out or hides) or frame.gbuffer.is_background.all():
+        outward = {"surround": options.surround > 0, "overscan": options.overscan > 1.0}
+        hidden = {
+            "stations": options.stations > 0,
+            "lights": options.light_views > 0,
+            "back faces": options.back_faces,
+            "behind": options.behind,
+        }
+        if not (options.fill or any(outward.values()) or any(hidden.values())):
+            return frame
+        if frame.gbuffer.is_background.all():
             return frame
         self.frame = frame
+        self.lost: LostRays | None = None
         # Of the direct light, so that the frame's size and the scene's shaders count
         pixels = frame.camera.width * frame.camera.height * options.samples
         self.sample_seconds = frame.seconds["light"] / pixels
@@ -77,16 +85,14 @@ class BeyondTheFrame:
         # What brings most for its time comes first
         if options.fill:
             self._fill()
-        if goes_out and self._look("overscan, surround", lambda lost: lost.left):
+        if self._look(outward, lambda lost: lost.left):
             self._take("surround", self._surround())
             self._take("overscan", self._overscan())
-        if hides:
-            names = "stations, views from lights, back faces, layers behind"
-            lost = self._look(names, lambda lost: lost.left + lost.hidden)
-            if lost is not None:
-                self._take("stations", self._stations(lost), at_least=1)
-                self._take("lights", self._lamps())
-                self._look_behind()
+        lost = self._look(hidden, lambda lost: lost.left + lost.hidden)
+        if lost is not None:
+            self._take("stations", self._stations(lost), at_least=1)
+            self._take("lights", self._lamps())
+            self._look_behind()
         return self.frame
 
     def _fill(self) -> None:
@@ -106,15 +112,22 @@ class BeyondTheFrame:
         self._spend("fill", seconds)
         self.frame = replace(self.frame, fill=fill)
 
-    def _look(self, names: str, share: Callable[[LostRays], float]) -> LostRays | None:
-        """Send the quick pass; None, and a note, where too few rays are lost for what is named."""
-        begun = time.perf_counter()
-        frame = self.frame
-        lost = find_lost_rays(frame.gbuffer, frame.camera, frame.views, Settings())
-        self._spend("planning", time.perf_counter() - begun)
-        if share(lost) >= LEAST_LOST:
-            return lost
-        self._leave_out(names, f"only {share(lost):.1%} of the rays need them")
+    def _look(self, wanted: dict[str, bool], share: Callable[[LostRays], float]) -> LostRays | None:
+        """Send the quick pass; None, and a note, where it is not worth a view, or no time is left for one."""
+        names = ", ".join(name for name, is_wanted in wanted.items() if is_wanted)
+        if not names:
+            return None
+        if self.render_seconds > self.seconds_left:
+            self._leave_out(names, self._too_dear(self.render_seconds))
+            return None
+        if self.lost is None:
+            begun = time.perf_counter()
+            frame = self.frame
+            self.lost = find_lost_rays(frame.gbuffer, frame.camera, frame.views, Settings())
+            self._spend("planning", time.perf_counter() - begun)
+        if share(self.lost) >= LEAST_LOST:
+            return self.lost
+        self._leave_out(names, f"only {share(self.lost):.1%} of the rays need them")
         return None
 
     def _take(self, name: str, cameras: Sequence[Camera], at_least: int | None = None) -> None:
@@ -147,6 +160,7 @@ class BeyondTheFrame:
             views=(*self.frame.views, *views),
             view_names=(*self.frame.view_names, *[name] * len(views)),
         )
+        self.lost = None  # the rays find more now
 
     def _overscan(self) -> list[Camera]:
         factor = self.options.overscan
