@@ -24,7 +24,7 @@ Progress = Callable[[float, str], None]
 
 # Fewer rays than this share are not worth a render.
 LEAST_LOST = 0.02
-# What a render costs before its first sample, until one has been timed.
+# What a render costs before its first sample, at most, until one has been timed.
 _RENDER_SECONDS = 0.25
 
 
@@ -54,7 +54,6 @@ class BeyondTheFrame:
     ) -> None:
         self.engine, self.scene, self.view_layer = engine, scene, view_layer
         self.options, self.report = options, report
-        self.render_seconds = _RENDER_SECONDS
 
     def added_to(self, frame: CapturedFrame) -> CapturedFrame:
         """Return the frame with views beyond it, and with what stands behind its surfaces.
@@ -78,6 +77,8 @@ class BeyondTheFrame:
             return frame
         self.frame = frame
         self.lost: LostRays | None = None
+        # That of the geometry had a scene to build and one sample to take
+        self.render_seconds = min(_RENDER_SECONDS, frame.seconds["geometry"])
         # Of the direct light, so that the frame's size and the scene's shaders count
         pixels = frame.camera.width * frame.camera.height * options.samples
         self.sample_seconds = frame.seconds["light"] / pixels

@@ -62,7 +62,11 @@ def ball(empty_file):
 
 @pytest.fixture
 def steady_clock(monkeypatch):
-    """The light takes `LIGHT`, views and fill take what was estimated, and planning takes no time."""
+    """Geometry and light take `LIGHT`, views and fill what was estimated, and planning no time at all."""
+
+    def time_geometry(*arguments, real=capture._capture_geometry):
+        rendered, roughness = real(*arguments)
+        return replace(rendered, seconds=LIGHT), roughness
 
     def time_light(*arguments, real=capture._capture_light):
         rendered, is_denoised = real(*arguments)
@@ -75,6 +79,7 @@ def steady_clock(monkeypatch):
     def time_fill(*arguments, real=beyond.capture_fill, **named):
         return real(*arguments, **named)[0], 0.4 * LIGHT
 
+    monkeypatch.setattr(capture, "_capture_geometry", time_geometry)
     monkeypatch.setattr(capture, "_capture_light", time_light)
     monkeypatch.setattr(beyond, "capture_views", time_views)
     monkeypatch.setattr(beyond, "capture_fill", time_fill)
