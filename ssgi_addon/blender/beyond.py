@@ -17,6 +17,7 @@ from .capture_options import CaptureOptions
 from .engines import Engine
 from .fill import FILL_STRIDE, capture_fill
 from .hidden_surfaces import Take, add_hidden_surfaces
+from .kept_world import KeptWorld
 from .light_views import light_cameras
 from .views import borrow_cameras, capture_views
 
@@ -42,6 +43,8 @@ class BeyondTheFrame:
         What to take at most, and in how much time.
     report
         Called with a fraction and a text before each render; an exception from it ends the capture.
+    kept
+        What earlier frames captured of this world, and where this one's captures are kept; None keeps none.
     """
 
     def __init__(
@@ -51,7 +54,9 @@ class BeyondTheFrame:
         view_layer: bpy.types.ViewLayer,
         options: CaptureOptions,
         report: Progress,
+        kept: KeptWorld | None = None,
     ) -> None:
+        self.kept = kept
         self.engine, self.scene, self.view_layer = engine, scene, view_layer
         self.options, self.report = options, report
         self.render_seconds = _RENDER_SECONDS
@@ -77,17 +82,36 @@ class BeyondTheFrame:
         # What brings most for its time comes first
         if options.fill:
             self._fill()
+        if self._has_kept_views():
+            self._look_behind(around=False)
+            return self.frame
         if goes_out and self._look("overscan, surround", lambda lost: lost.left):
             self._take("surround", self._surround())
             self._take("overscan", self._overscan())
         if hides:
             names = "stations, views from lights, back faces, layers behind"
-            lost = self._look(names, lambda lost: lost.left + lost.hidden)
+            lost = self._look(names, lambda lost: lost.share)
             if lost is not None:
                 self._take("stations", self._stations(lost), at_least=1)
                 self._take("lights", self._lamps())
                 self._look_behind()
+        if self.kept is not None:
+            frame = self.frame
+            self.kept.keep(frame.views, frame.view_names, self._lost().share, self.scene.frame_current)
         return self.frame
+
+    def _has_kept_views(self) -> bool:
+        """Go on with the views of an earlier frame where they answer this one's rays as well as its own."""
+        kept = self.kept
+        if kept is None or not kept.views:
+            return False
+        alone = self.frame
+        self.frame = replace(alone, views=kept.views, view_names=kept.view_names)
+        if self._lost().share <= kept.lost + LEAST_LOST:
+            self._leave_out(", ".join(dict.fromkeys(kept.view_names)), f"kept from frame {kept.frame}")
+            return True
+        self.frame = replace(alone, seconds=self.frame.seconds)
+        return False
 
     def _fill(self) -> None:
         """Render the fill."""
@@ -104,18 +128,22 @@ class BeyondTheFrame:
         self.report(0.6, "Fill")
         fill, seconds = capture_fill(self.scene, self.view_layer, samples=self.options.fill)
         self._spend("fill", seconds)
-        self.frame = replace(self.frame, fill=fill)
+        self.frame = replace(self.frame, fill=fill if self.kept is None else self.kept.averaged(fill))
 
     def _look(self, names: str, share: Callable[[LostRays], float]) -> LostRays | None:
         """Send the quick pass; None, and a note, where too few rays are lost for what is named."""
-        begun = time.perf_counter()
-        frame = self.frame
-        lost = find_lost_rays(frame.gbuffer, frame.camera, frame.views, Settings())
-        self._spend("planning", time.perf_counter() - begun)
+        lost = self._lost()
         if share(lost) >= LEAST_LOST:
             return lost
         self._leave_out(names, f"only {share(lost):.1%} of the rays need them")
         return None
+
+    def _lost(self) -> LostRays:
+        """Send the quick pass through what there is."""
+        begun, frame = time.perf_counter(), self.frame
+        lost = find_lost_rays(frame.gbuffer, frame.camera, frame.views, Settings())
+        self._spend("planning", time.perf_counter() - begun)
+        return lost
 
     def _take(self, name: str, cameras: Sequence[Camera], at_least: int | None = None) -> None:
         """Capture views, as many as the time allows if that is no fewer than `at_least` (None: all)."""
@@ -168,8 +196,8 @@ class BeyondTheFrame:
         self._spend("planning", time.perf_counter() - begun)
         return [square_camera(pose, self.options.view_size) for pose in poses]
 
-    def _look_behind(self) -> None:
-        """Capture thickness and the layer behind, of all views."""
+    def _look_behind(self, around: bool = True) -> None:
+        """Capture thickness and the layer behind: of all views, or of the frame alone."""
         options = self.options
         wanted = {"back faces": options.back_faces, "behind": options.behind}
         if not any(wanted.values()):
@@ -179,7 +207,7 @@ class BeyondTheFrame:
             self.frame = replace(self.frame, notes=(*self.frame.notes, note))
             return
         frame = self.frame
-        cameras = [camera for _, camera in frame.views]
+        cameras = [camera for _, camera in frame.views] if around else []
         once = self._cost(frame.camera, 1) + sum(self._cost(camera, 1) for camera in cameras)
         lit = self._cost(frame.camera, options.samples)
         lit += sum(self._cost(camera, options.view_samples) for camera in cameras)
@@ -212,7 +240,7 @@ class BeyondTheFrame:
             denoise=options.denoise,
             progress=lambda fraction, text: self.report(0.8 + 0.2 * fraction, text),
         )
-        self.frame = replace(frame, gbuffer=front[0][0], views=around[0] if around else ())
+        self.frame = replace(frame, gbuffer=front[0][0], views=around[0] if around else frame.views)
         for name, value in seconds.items():
             self._spend(name, value)
 

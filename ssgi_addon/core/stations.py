@@ -66,6 +66,11 @@ class LostRays:
     point: FloatArray
     direction: FloatArray
 
+    @property
+    def share(self) -> float:
+        """Share of rays that are lost in either way."""
+        return self.left + self.hidden
+
     def stations(self, count: int, threads: int | None = None) -> list[FloatArray]:
         """Choose views of 90 degrees from elsewhere that see what was lost.
 
