@@ -85,19 +85,20 @@ class BeyondTheFrame:
         if self._has_kept_views():
             self._look_behind(around=False)
             return self.frame
-        if goes_out and self._look("overscan, surround", lambda lost: lost.left):
+        if not (goes_out or hides):
+            return self.frame
+        self.lost = self._find_lost()
+        if goes_out and self._needs("overscan, surround", self.lost.left):
             self._take("surround", self._surround())
             self._take("overscan", self._overscan())
-        if hides:
-            names = "stations, views from lights, back faces, layers behind"
-            lost = self._look(names, lambda lost: lost.share)
-            if lost is not None:
-                self._take("stations", self._stations(lost), at_least=1)
-                self._take("lights", self._lamps())
-                self._look_behind()
+        names = "stations, views from lights, back faces, layers behind"
+        if hides and self._needs(names, self.lost.share):
+            self._take("stations", self._stations(), at_least=1)
+            self._take("lights", self._lamps())
+            self._look_behind()
         if self.kept is not None:
             frame = self.frame
-            self.kept.keep(frame.views, frame.view_names, self._lost().share, self.scene.frame_current)
+            self.kept.keep(frame.views, frame.view_names, self.lost.share, self.scene.frame_current)
         return self.frame
 
     def _has_kept_views(self) -> bool:
@@ -107,7 +108,7 @@ class BeyondTheFrame:
             return False
         alone = self.frame
         self.frame = replace(alone, views=kept.views, view_names=kept.view_names)
-        if self._lost().share <= kept.lost + LEAST_LOST:
+        if self._find_lost().share <= kept.lost + LEAST_LOST:
             self._leave_out(", ".join(dict.fromkeys(kept.view_names)), f"kept from frame {kept.frame}")
             return True
         self.frame = replace(alone, seconds=self.frame.seconds)
@@ -130,20 +131,25 @@ class BeyondTheFrame:
         self._spend("fill", seconds)
         self.frame = replace(self.frame, fill=fill if self.kept is None else self.kept.averaged(fill))
 
-    def _look(self, names: str, share: Callable[[LostRays], float]) -> LostRays | None:
-        """Send the quick pass; None, and a note, where too few rays are lost for what is named."""
-        lost = self._lost()
-        if share(lost) >= LEAST_LOST:
-            return lost
-        self._leave_out(names, f"only {share(lost):.1%} of the rays need them")
-        return None
+    def _needs(self, names: str, lost: float) -> bool:
+        """Return whether rays need what is named; note it where too few do."""
+        if lost >= LEAST_LOST:
+            return True
+        self._leave_out(names, f"only {lost:.1%} of the rays need them")
+        return False
 
-    def _lost(self) -> LostRays:
+    def _find_lost(self) -> LostRays:
         """Send the quick pass through what there is."""
         begun, frame = time.perf_counter(), self.frame
         lost = find_lost_rays(frame.gbuffer, frame.camera, frame.views, Settings())
         self._spend("planning", time.perf_counter() - begun)
         return lost
+
+    def _note_gain(self, *names: str) -> None:
+        """Note by how much fewer rays are lost since the last look."""
+        before, self.lost = self.lost, self._find_lost()
+        gain = before.share - self.lost.share
+        self.frame = replace(self.frame, gains={**self.frame.gains, ", ".join(names): gain})
 
     def _take(self, name: str, cameras: Sequence[Camera], at_least: int | None = None) -> None:
         """Capture views, as many as the time allows if that is no fewer than `at_least` (None: all)."""
@@ -175,6 +181,7 @@ class BeyondTheFrame:
             views=(*self.frame.views, *views),
             view_names=(*self.frame.view_names, *[name] * len(views)),
         )
+        self._note_gain(name)
 
     def _overscan(self) -> list[Camera]:
         factor = self.options.overscan
@@ -190,9 +197,9 @@ class BeyondTheFrame:
     def _lamps(self) -> list[Camera]:
         return light_cameras(self.scene, self.frame, self.options.light_views, self.options.view_size)
 
-    def _stations(self, lost: LostRays) -> list[Camera]:
+    def _stations(self) -> list[Camera]:
         begun = time.perf_counter()
-        poses = lost.stations(self.options.stations)
+        poses = self.lost.stations(self.options.stations)
         self._spend("planning", time.perf_counter() - begun)
         return [square_camera(pose, self.options.view_size) for pose in poses]
 
@@ -218,6 +225,8 @@ class BeyondTheFrame:
                 self._leave_out(name, self._too_dear(cost))
         if any(wanted.values()):
             self._add_hidden_surfaces(cameras, wanted["back faces"], wanted["behind"])
+            if around:
+                self._note_gain(*(name for name, is_wanted in wanted.items() if is_wanted))
 
     def _add_hidden_surfaces(self, cameras: Sequence[Camera], back_faces: bool, behind: bool) -> None:
         frame, options = self.frame, self.options

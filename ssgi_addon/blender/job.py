@@ -218,6 +218,7 @@ def _record(frame: int, picture: Picture, seconds: dict[str, float]) -> Report:
         "peak_memory_mb": peak_memory_mb(),
         "rays": dict(picture.light.rays),
         "known": float(np.mean(picture.light.known, dtype=np.float64)),
+        "gains": dict(picture.frame.gains),
         "skipped": [
             {"what": what, "why": why} for what, why in (*picture.frame.skipped, *picture.light.skipped)
         ],

@@ -9,8 +9,8 @@ layers are asked in turn, and which answer wins:
 - Views of other places are asked from where the ray goes out of sight, one place after the other, until one
   has seen it all the way to an answer.
 - A view sees a ray in the open from where it comes over its frame to what it meets, or to where it goes
-  behind something. A view with layers sees it on behind the front layer, as long as it is in front of the next one.
-  Stretches that touch make one, which begins at the origin.
+  behind something. A view with layers sees it on behind the front layer, as long as it is in front of the
+  next one. Stretches that touch make one, which begins at the origin.
 - A layer behind shows nothing where no light reaches it directly, since its later bounces are not known: what
   is met there is in the way. Nor does it show any sky, only that nothing was captured.
 - Within that stretch there is neither a hit nor a block of a view that had itself lost sight of the ray.
