@@ -4,11 +4,12 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import bpy
 import numpy as np
+from mathutils import Color, Euler, Vector
 
 from ..core import Camera, Fill, GBuffer
 from .shader_trees import nodes_with_groups, shaded_materials, shaded_worlds
@@ -19,7 +20,11 @@ View = tuple[GBuffer, Camera]
 _MOST_FILLS = 16
 # Kinds of objects that neither are seen nor shine.
 _UNSEEN = frozenset({"CAMERA", "EMPTY", "ARMATURE", "LATTICE", "SPEAKER", "LIGHT_PROBE"})
-_VALUES = (bool, int, float, str)
+# What a lamp's light depends on, of all kinds of lamps.
+_LAMP_VALUES = (
+    "type", "energy", "color", "exposure", "normalize", "temperature", "use_temperature", "shadow_soft_size",
+    "angle", "shape", "size", "size_y", "spread", "spot_size", "spot_blend",
+)  # fmt: skip
 
 
 class KeptWorld:
@@ -109,26 +114,33 @@ def _shape(item: bpy.types.Object, frame: int) -> bytes:
         return points.tobytes()
     if item.type == "LIGHT":
         nodes = [] if data.node_tree is None else list(nodes_with_groups(data.node_tree))
-        return repr([_values(data), *(list(_node_values(node)) for node in nodes)]).encode()
+        return repr([_values(data, _LAMP_VALUES), *(list(_node_values(node)) for node in nodes)]).encode()
     may_move = item.type == "VOLUME" or item.modifiers or item.animation_data or data.animation_data
     return repr((data.name_full, frame if may_move else 0)).encode()
 
 
 def _node_values(node: bpy.types.Node) -> Iterator[Any]:
-    yield node.bl_idname, node.mute, _values(node)
+    """Yield what a node computes with: its kind, its own options, the values of its inputs."""
+    yield node.bl_idname, node.mute
+    shared = bpy.types.Node.bl_rna.properties
+    own = [item.identifier for item in node.bl_rna.properties if item.identifier not in shared]
+    yield _values(node, own)
+    if "color_ramp" in own:
+        yield [(element.position, tuple(element.color)) for element in node.color_ramp.elements]
     for socket in node.inputs:
-        value = getattr(socket, "default_value", None)
-        yield tuple(value) if hasattr(value, "__len__") and not isinstance(value, str) else value
+        yield _plain(getattr(socket, "default_value", None))
+        yield [(link.from_node.name, link.from_socket.identifier) for link in socket.links]
 
 
-def _values(owner: bpy.types.bpy_struct) -> list[Any]:
-    """Return the numbers, switches and texts of Blender data."""
-    values = (getattr(owner, prop.identifier, None) for prop in owner.bl_rna.properties)
-    return [
-        tuple(value) if isinstance(value, bpy.types.bpy_prop_array) else value
-        for value in values
-        if isinstance(value, (*_VALUES, bpy.types.bpy_prop_array))
-    ]
+def _values(owner: bpy.types.bpy_struct, names: Iterable[str]) -> list[Any]:
+    """Return the numbers, switches and texts among properties, for those that there are."""
+    return [_plain(getattr(owner, name, None)) for name in names]
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, (bool, int, float, str)):
+        return value
+    return tuple(value) if isinstance(value, (bpy.types.bpy_prop_array, Color, Euler, Vector)) else None
 
 
 def _changes_unseen(scene: bpy.types.Scene) -> bool:
