@@ -14,14 +14,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from .answers import SURELY_BEFORE
 from .camera import Camera
-from .frame_points import surface_points
+from .frame_points import surface_points, toward_camera
 from .gbuffer import GBuffer
 from .planner import is_colored
 from .sampling import cosine_directions, sample_square
 from .scene import TraceScene, View
 from .settings import Settings
-from .types import FloatArray
+from .types import FloatArray, IntArray
 
 # Pixels whose rays ask for views, and rays of each.
 _PIXELS, _RAYS = 512, 4
@@ -30,6 +31,8 @@ _CANDIDATES = 96
 _NEAREST, _FARTHEST = 0.3, 0.9
 # Of the way to the point where a ray went out of sight: the point itself lies at the edge of what is open.
 _NEARLY = 0.97
+# Share of all rays that a view has to win back: it costs a render.
+_WORTH = 0.002
 _SEED = 11
 # Where each face of a cube around a place looks, and what is up in it.
 CUBE_FACES = (
@@ -56,7 +59,7 @@ def plan_stations(
     settings
         Thickness, largest distance, threads.
     count
-        Most views to return; fewer where no more rays are lost.
+        Most views to return; fewer where hardly any more rays are lost.
 
     Returns
     -------
@@ -70,11 +73,11 @@ def plan_stations(
     place = _candidates(scene)
     gain, face = _gains(scene, place, point, direction, settings.threads)
     weight = np.ones(point.shape[1], dtype=gain.dtype)
-    poses = []
+    poses: list[FloatArray] = []
     for _ in range(count):
         score = np.stack([((gain * (face == side)) * weight).sum(axis=1) for side in range(len(CUBE_FACES))])
         side, best = np.unravel_index(int(score.argmax()), score.shape)
-        if score[side, best] <= 0.0:
+        if score[side, best] <= _WORTH * _PIXELS * _RAYS:
             break
         weight *= 1.0 - gain[best] * (face[best] == side)
         gain[best] *= face[best] != side
@@ -93,7 +96,9 @@ def _lost_rays(scene: TraceScene, settings: Settings) -> tuple[FloatArray, Float
     direction = cosine_directions(u, v, normal).reshape(3, -1)
     origin = np.repeat(origin[:, None], _RAYS, axis=1).reshape(3, -1)
     merged = scene.merge(origin, direction, threads=settings.threads)
-    is_lost = merged.is_uncertain() & np.isfinite(merged.open_until)
+    # At a hit on entry they are out of sight, but there is no more to be seen
+    is_lost = merged.is_uncertain() & (merged.open_until < SURELY_BEFORE * merged.nearest)
+    is_lost &= np.isfinite(merged.open_until)
     lost = np.flatnonzero(is_lost)
     direction = direction.take(lost, axis=1)
     return origin.take(lost, axis=1) + direction * merged.open_until.take(lost), direction
@@ -121,7 +126,7 @@ def _candidates(scene: TraceScene) -> FloatArray:
 
 def _gains(
     scene: TraceScene, place: FloatArray, point: FloatArray, direction: FloatArray, threads: int | None
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, IntArray]:
     """Return how well each place (rows) sees where each ray was lost, 0..1, and in which face."""
     toward = point[:, None, :] - place[:, :, None]
     distance = np.sqrt((toward * toward).sum(axis=0))
@@ -129,7 +134,10 @@ def _gains(
     start = np.ascontiguousarray(np.broadcast_to(place[:, :, None], toward.shape)).reshape(3, -1)
     open_until = scene.open_from(start, toward.reshape(3, -1), threads).reshape(distance.shape)
     along = (toward * direction[:, None, :]).sum(axis=0)
-    gain = np.maximum(along, 0.0) * (open_until >= _NEARLY * distance)
+    # Who looks from where the frame does loses the ray at the same edge
+    sight = -toward_camera(scene.views[0].camera, point)
+    askew = 1.0 - np.maximum((toward * sight[:, None, :]).sum(axis=0), 0.0)
+    gain = np.maximum(along, 0.0) * askew * (open_until >= _NEARLY * distance)
     axes = np.stack([np.tensordot(np.array(forward), toward, axes=1) for forward, _ in CUBE_FACES])
     return gain.astype(scene.dtype), axes.argmax(axis=0)
 
