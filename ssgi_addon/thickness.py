@@ -100,9 +100,10 @@ def thickness_of(
     """Return the thickness (H, W) of visible surfaces, as in `GBuffer.thickness`.
 
     - The back of the same object behind its front: exactly what lies between them.
-    - A back behind a front, but of another object, or of one that shows both sides: what lies between them, or
-      the heuristic's thickness where that is less.
-    - Two fronts, or nothing behind: a sheet, as thin as the steps between its pixels allow. Small gaps are filled.
+    - A back behind a front, but of another object, or of one that shows both sides: what lies between them,
+      or the heuristic's thickness where that is less.
+    - Two fronts, or nothing behind: a sheet, as thin as the steps between its pixels allow. Small gaps are
+      filled.
     - Where the first surface could not be looked through: the heuristic's.
 
     Parameters

@@ -6,6 +6,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import bpy
 import numpy as np
@@ -200,7 +201,7 @@ def _add_views(
             cameras,
             samples=options.view_samples,
             denoise=options.denoise,
-            progress=lambda fraction: report(0.6 + 0.05 * (step + fraction), name.capitalize()),
+            progress=partial(_report_view, report, step, name.capitalize()),
         )
         frame = replace(
             frame,
@@ -209,6 +210,10 @@ def _add_views(
             seconds={**frame.seconds, name: seconds + rendering},
         )
     return frame
+
+
+def _report_view(report: Progress, step: int, text: str, fraction: float) -> None:
+    report(0.6 + 0.05 * (step + fraction), text)
 
 
 def _overscan(camera: Camera, options: CaptureOptions) -> list[Camera]:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Cameras that look from lamps: reflective shadow maps.
 
-After Dachsbacher and Stamminger 2005, "Reflective Shadow Maps": the first bounce starts where lamps shine, and
-a lamp sees all of that. Here such a view is a G-buffer like any other, which rays are traced through.
+After Dachsbacher and Stamminger 2005, "Reflective Shadow Maps": the first bounce starts where lamps shine,
+and a lamp sees all of that. Here such a view is a G-buffer like any other, which rays are traced through.
 """
 
 from __future__ import annotations
