@@ -300,10 +300,10 @@ ANSWERS_BY_ORDER = 0.01
 DISTANCES_BY_ORDER = 0.06
 # Pixels that a size is off where it has to be a whole number of them.
 SIZE_IN_WHOLE_PIXELS = 0.5
-# Share of the wall behind a box that the first station sees, and the first four together; it is chosen for the
-# most rays, which also end at the box's back and on the floor (measured: 0.36 and 0.88).
+# Share of the wall behind a box that the first station sees, and the first four together; it is chosen for
+# the most rays, which also end at the box's back and on the floor (measured: 0.36 and 0.88).
 HIDDEN_WALL_SEEN = 0.25
 HIDDEN_WALL_SEEN_BY_FOUR = 0.8
-# Share of the rays that a frame and its surround answer wrongly or not at all, and stations win back (measured:
-# 0.34 and 0.69).
+# Share of the rays that a frame and its surround answer wrongly or not at all, and that stations win back
+# (measured: 0.34 and 0.69).
 LOST_RAYS_WON_BACK = {"one": 0.2, "four": 0.5}

@@ -19,8 +19,8 @@ from .types import FloatArray, IntArray
 # Cameras nearer to each other than this share of their nearest surface's depth stand at one place; parallel
 # views, whose directions and planes differ by less than this share of 1 and of their width.
 _SAME_PLACE = 1e-4
-# Rays that come from behind a camera are followed from this share of its nearest surface's depth on. What lies
-# between is in nobody's sight, so that it has to be small beside what rays cross near a surround's place.
+# Rays that come from behind a camera are followed from this share of its nearest surface's depth on. Nobody
+# sees what lies between, so that it has to be small beside what rays cross near a surround's place.
 _NEAR = 0.02
 
 

@@ -4,12 +4,12 @@
 Slow and obvious on purpose. What a single field says is `scalar_tracer`'s; here is how views and their layers
 are asked in turn, and which answer wins:
 
-- The home view is asked from the ray's origin. Views of the same place are asked from where the ray leaves its
-  frame, unless something was met there: from one place, everything else hides what it hid before.
+- The home view is asked from the ray's origin. Views of the same place are asked from where the ray leaves
+  its frame, unless something was met there: from one place, everything else hides what it hid before.
 - Views of other places are asked from where the ray goes out of sight, one place after the other, until one
   has seen it all the way to an answer.
-- A view sees a ray in the open from where it comes over its frame to what it meets, or to where it goes behind
-  something. A view with layers sees it on behind the front layer, as long as it is in front of the next one.
+- A view sees a ray in the open from where it comes over its frame to what it meets, or to where it goes
+  behind something. A view with layers sees it on behind the front layer, as long as it is in front of the next one.
   Stretches that touch make one, which begins at the origin.
 - Within that stretch there is neither a hit nor a block of a view that had itself lost sight of the ray.
 - The nearest hit is the answer, unless it lies deeper within a block than that is thick.
@@ -37,7 +37,7 @@ NEAR = 0.02
 
 @dataclass
 class Known:
-    """What is known of one ray: hits (distance, texel, in sight), blocks (begin, until), and open stretches."""
+    """Of one ray: hits (distance, texel, in sight), blocks (begin, until), and open stretches (begin, end)."""
 
     hits: list[tuple[float, int, bool]] = field(default_factory=list)
     blocks: list[tuple[float, float]] = field(default_factory=list)
@@ -148,7 +148,7 @@ def _visit(known, home, view, origin, direction, begin, max_distance) -> None:
 
 
 def _over_frame(view, start, direction) -> tuple[float, float]:
-    """Return between which distances the ray lies over the frame, before it vanishes; by the frame's pyramid."""
+    """Return between which distances the ray lies in the pyramid of the frame, before it vanishes."""
     camera = view.camera
     (x, y, z), (dx, dy, dz) = start, direction
     depth, approach = (1.0, 0.0) if camera.is_orthographic else (-z, -dz)
