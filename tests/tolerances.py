@@ -309,12 +309,15 @@ HIDDEN_WALL_SEEN_BY_FOUR = 0.8
 LOST_RAYS_WON_BACK = {"one": 0.2, "four": 0.5}
 # Light through a lamp's view of 96 x 96 pixels against the sum over them, relative. Mean of all receiving
 # pixels: rays over the view's border meet what lies up to half a pixel beside it (measured: 0.017 and 0.020).
-# Root mean square of each: noise of 256 rays, a tenth of which meet the lit surface (measured: 0.03 and 0.09).
+# Root mean square of each: noise of 256 rays, few of which meet the lit surface (measured: 0.03 and 0.09).
 LIGHT_VIEW_MEAN = 0.025
 LIGHT_VIEW_PIXEL = 0.11
-# What eight times as many pixels each way leave of the error of the mean: an eighth, and noise (measured: 0.16
-# and 0.11).
+# What eight times as many pixels each way leave of the error of the mean: an eighth, and noise (measured:
+# 0.16 and 0.11).
 LIGHT_VIEW_BIAS_LEFT = 0.3
 # Share of that light that a board takes away: the error of the mean, and half a pixel around the board
 # (measured: off by 0.018 and 0.010).
 LIGHT_VIEW_SHADOW = 0.03
+# A lamp's irradiance as that of a point against Cycles, straight below it, relative: noise of 64 samples, and
+# the lamp's size (measured: at most 0.02).
+LAMP_IRRADIANCE = 0.1

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..core import Camera, Environment, Settings
 from ..core.stations import plan_stations
+from ..errors import SSGIError
 from ..frame import CapturedFrame
 from ..view_cameras import overscan_camera, square_camera, surround_cameras
 from .capture_notes import capture_notes
@@ -113,6 +114,9 @@ def capture_frame(
     SSGIError
         If the scene cannot be captured, or the render was cancelled.
     """
+    if options.surround < 0 or options.view_size < 1:
+        size = options.surround if options.surround < 0 else options.view_size
+        raise SSGIError(f"A view of {size} x {size} has no pixels: give at least 1 x 1.")
     engine = engine_named(options.engine)
     report = progress or _ignore
     with Restorer() as restorer:
@@ -185,7 +189,7 @@ def _add_views(
     planners = {
         "overscan": lambda _: _overscan(frame.camera, options),
         "surround": lambda _: _surround(frame, scene, options),
-        "lights": lambda _: light_cameras(scene, frame, options.light_views, options.view_size),
+        "lights": lambda _: light_cameras(view_layer, frame, options.light_views, options.view_size),
         "stations": lambda known: _stations(known, options),
     }
     for step, (name, plan) in enumerate(planners.items()):
