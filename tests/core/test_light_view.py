@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Views from lamps: what rays bring through one against the sum over its pixels in closed form.
 
-The sum is that of reflective shadow maps (Dachsbacher and Stamminger 2005): each pixel p of a lamp's view is a
-small lamp of flux Phi_p = pi L_p A_p (watts per unit, for a Lambertian surface of radiance L_p, watts per
-steradian and square unit, and area A_p), and a point x with normal n receives the irradiance
+The sum is that of reflective shadow maps (Dachsbacher and Stamminger 2005): each pixel p of a lamp's view is
+a small lamp of flux Phi_p = pi L_p A_p (watts, of a Lambertian surface with radiance L_p in watts per
+steradian and square unit, and area A_p in square units), and a point x with normal n receives the irradiance
+(watts per square unit)
 
     E(x) = sum over p of (Phi_p / pi) max(0, n_p . (x - x_p)) max(0, n . (x_p - x)) / |x - x_p|^4.
 
@@ -77,8 +78,8 @@ def world_points(gbuffer: GBuffer, camera: Camera) -> tuple[np.ndarray, np.ndarr
 def pixel_flux(gbuffer: GBuffer, camera: Camera) -> np.ndarray:
     """Return the flux (H, W, 3) of each pixel's piece of surface, from its radiance and its area.
 
-    A pixel is 1 / (fx fy) of the plane at depth 1; on the surface that is depth^2 times as much, and seen askew
-    by the ratio of the cosines to the pixel's direction d of unit depth: |d_z| / |n . d|.
+    A pixel is 1 / (fx fy) of the plane at depth 1, at depth z it is z^2 times as much; on a plane with normal
+    n, which the direction d of unit depth meets there, it is 1 / |n . d| times as much again.
     """
     y, x = np.mgrid[: camera.height, : camera.width] + 0.5
     ahead = camera.pixel_to_view(x, y, np.ones_like(x))

@@ -9,8 +9,8 @@ are asked in turn, and which answer wins:
 - Views of other places are asked from where the ray goes out of sight, one place after the other, until one
   has seen it all the way to an answer.
 - A view sees a ray in the open from where it comes over its frame to what it meets, or to where it goes
-  behind something. A view with layers sees it on behind the front layer, as long as it is in front of the next one.
-  Stretches that touch make one, which begins at the origin.
+  behind something. A view with layers sees it on behind the front layer, as long as it is in front of the
+  next one. Stretches that touch make one, which begins at the origin.
 - Within that stretch there is neither a hit nor a block of a view that had itself lost sight of the ray.
 - The nearest hit is the answer, unless it lies deeper within a block than that is thick.
 """
@@ -37,7 +37,7 @@ NEAR = 0.02
 
 @dataclass
 class Known:
-    """Of one ray: hits (distance, texel, in sight), blocks (begin, until), and open stretches (begin, end)."""
+    """Of one ray: hits (distance, texel, in sight), blocks (begin, until), open stretches (begin, end)."""
 
     hits: list[tuple[float, int, bool]] = field(default_factory=list)
     blocks: list[tuple[float, float]] = field(default_factory=list)
