@@ -11,8 +11,11 @@ layers are asked in turn, and which answer wins:
 - A view sees a ray in the open from where it comes over its frame to what it meets, or to where it goes
   behind something. A view with layers sees it on behind the front layer, as long as it is in front of the
   next one. Stretches that touch make one, which begins at the origin.
+<<<<<<< HEAD
 - A layer behind shows nothing where no light reaches it directly, since its later bounces are not known: what
   is met there is in the way. Nor does it show any sky, only that nothing was captured.
+=======
+>>>>>>> wt-oracle
 - Within that stretch there is neither a hit nor a block of a view that had itself lost sight of the ray.
 - The nearest hit is the answer, unless it lies deeper within a block than that is thick.
 """
@@ -33,11 +36,17 @@ SURELY_BEFORE = 0.98
 # Cameras this close to each other, relative to the nearest surface, stand at one place; parallel ones, whose
 # directions and planes are as close, relative to 1 and to their width.
 SAME_PLACE = 1e-4
+# Of its nearest surface's depth: where a view's sight begins.
+NEAR = 0.02
 
 
 @dataclass
 class Known:
+<<<<<<< HEAD
     """What is known of one ray: hits (distance, texel, in sight), blocks (begin, until), open stretches."""
+=======
+    """Of one ray: hits (distance, texel, in sight), blocks (begin, until), open stretches (begin, end)."""
+>>>>>>> wt-oracle
 
     hits: list[tuple[float, int, bool]] = field(default_factory=list)
     blocks: list[tuple[float, float]] = field(default_factory=list)
@@ -132,8 +141,8 @@ def _visit(known, home, view, origin, direction, begin, max_distance) -> None:
     move = np.linalg.inv(view.camera.world_from_view) @ home.camera.world_from_view
     origin = [sum(float(m) * float(v) for m, v in zip(row[:3], origin)) + float(row[3]) for row in move[:3]]
     direction = [sum(float(m) * float(v) for m, v in zip(row[:3], direction)) for row in move[:3]]
-    # Before the camera's plane: a perspective view shows nothing nearer than its nearest surface
-    near = 0.0 if view.camera.is_orthographic else 0.5 * _nearest_depth(view)
+    # A perspective view is asked from shortly before its camera on, long before its nearest surface
+    near = 0.0 if view.camera.is_orthographic else NEAR * _nearest_depth(view)
     depth, approach = -origin[2] - begin * direction[2], -direction[2]
     if depth < near:
         begin = begin + (near - depth) / approach if approach > 0.0 else math.inf
@@ -158,7 +167,11 @@ def _ask_layers(view, ask) -> list[tuple[int, int, float, float]]:
 
 
 def _over_frame(view, start, direction) -> tuple[float, float]:
+<<<<<<< HEAD
     """Return between which distances the ray lies over the frame's pyramid, before it vanishes."""
+=======
+    """Return between which distances the ray lies in the pyramid of the frame, before it vanishes."""
+>>>>>>> wt-oracle
     camera = view.camera
     (x, y, z), (dx, dy, dz) = start, direction
     depth, approach = (1.0, 0.0) if camera.is_orthographic else (-z, -dz)
