@@ -195,7 +195,7 @@ class BeyondTheFrame:
         return surround_cameras(self.frame.camera, nearest, clip_start, self.options.surround)
 
     def _lamps(self) -> list[Camera]:
-        return light_cameras(self.scene, self.frame, self.options.light_views, self.options.view_size)
+        return light_cameras(self.view_layer, self.frame, self.options.light_views, self.options.view_size)
 
     def _stations(self) -> list[Camera]:
         begun = time.perf_counter()

@@ -4,24 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-<<<<<<< HEAD
 from dataclasses import replace
-=======
-from dataclasses import dataclass, replace
-from functools import partial
->>>>>>> wt-oracle
 
 import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-<<<<<<< HEAD
 from ..core import Camera, Environment
-=======
-from ..core import Camera, Environment, Settings
-from ..core.stations import plan_stations
 from ..errors import SSGIError
->>>>>>> wt-oracle
 from ..frame import CapturedFrame
 from .beyond import BeyondTheFrame
 from .capture_notes import capture_notes
@@ -137,112 +127,6 @@ def _capture_light(
         return engine.render(scene, view_layer, engine.light_passes), is_denoised
 
 
-<<<<<<< HEAD
-=======
-def _add_views(
-    engine: Engine,
-    frame: CapturedFrame,
-    scene: bpy.types.Scene,
-    view_layer: bpy.types.ViewLayer,
-    options: CaptureOptions,
-    report: Progress,
-) -> CapturedFrame:
-    """Return the frame with the views beyond it, none where no surface could send rays into them."""
-    if frame.gbuffer.is_background.all():
-        return frame
-    planners = {
-        "overscan": lambda _: _overscan(frame.camera, options),
-        "surround": lambda _: _surround(frame, scene, options),
-        "lights": lambda _: light_cameras(view_layer, frame, options.light_views, options.view_size),
-        "stations": lambda known: _stations(known, options),
-    }
-    for step, (name, plan) in enumerate(planners.items()):
-        begun = time.perf_counter()
-        cameras = plan(frame)
-        if not cameras:
-            continue
-        seconds = time.perf_counter() - begun
-        views, rendering = capture_views(
-            engine,
-            scene,
-            view_layer,
-            cameras,
-            samples=options.view_samples,
-            denoise=options.denoise,
-            progress=partial(_report_view, report, step, name.capitalize()),
-        )
-        frame = replace(
-            frame,
-            views=(*frame.views, *views),
-            view_names=(*frame.view_names, *[name] * len(views)),
-            seconds={**frame.seconds, name: seconds + rendering},
-        )
-    return frame
-
-
-def _report_view(report: Progress, step: int, text: str, fraction: float) -> None:
-    report(0.6 + 0.05 * (step + fraction), text)
-
-
-def _overscan(camera: Camera, options: CaptureOptions) -> list[Camera]:
-    return [overscan_camera(camera, options.overscan)] if options.overscan > 1.0 else []
-
-
-def _surround(frame: CapturedFrame, scene: bpy.types.Scene, options: CaptureOptions) -> list[Camera]:
-    if not options.surround:
-        return []
-    nearest = float(frame.gbuffer.depth.min())
-    return surround_cameras(frame.camera, nearest, scene.camera.data.clip_start, options.surround)
-
-
-def _stations(frame: CapturedFrame, options: CaptureOptions) -> list[Camera]:
-    poses = plan_stations(frame.gbuffer, frame.camera, frame.views, Settings(), options.stations)
-    return [square_camera(pose, options.view_size) for pose in poses]
-
-
-def _add_hidden_surfaces(
-    engine: Engine,
-    frame: CapturedFrame,
-    scene: bpy.types.Scene,
-    view_layer: bpy.types.ViewLayer,
-    options: CaptureOptions,
-    report: Progress,
-) -> CapturedFrame:
-    """Return the frame and its views with what stands behind the visible surfaces."""
-    if engine.name != "cycles":
-        note = "Only Cycles can look behind surfaces: their back faces and the layer behind are left out."
-        return replace(frame, notes=(*frame.notes, note))
-    if frame.gbuffer.is_background.all():
-        return frame
-    takes = [Take(((frame.gbuffer, frame.camera),), lambda _: iter([None]), options.samples)]
-    if frame.views:
-        cameras = [camera for _, camera in frame.views]
-        takes.append(
-            Take(
-                frame.views,
-                lambda restorer: borrow_cameras(restorer, scene, cameras),
-                options.view_samples,
-            )
-        )
-    (front, *around), seconds = add_hidden_surfaces(
-        engine,
-        scene,
-        view_layer,
-        takes,
-        back_faces=options.back_faces,
-        behind=options.behind,
-        denoise=options.denoise,
-        progress=lambda fraction, text: report(0.8 + 0.2 * fraction, text),
-    )
-    return replace(
-        frame,
-        gbuffer=front[0][0],
-        views=around[0] if around else (),
-        seconds={**frame.seconds, **seconds},
-    )
-
-
->>>>>>> wt-oracle
 def _environment(radiance: FloatArray | None, camera: Camera) -> Environment | None:
     if radiance is None:
         return None

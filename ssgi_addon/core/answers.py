@@ -16,11 +16,7 @@ from .types import BoolArray, FloatArray, IntArray, StatusArray
 # Distances that differ by less are one: each view computes them in its own space.
 TOUCHING = 1.0 + 1e-4
 # What lies before this part of the open stretch is not there; nearer to its end views differ by their pixels.
-<<<<<<< HEAD
-_SURELY_BEFORE = 0.98
-=======
 SURELY_BEFORE = 0.98
->>>>>>> wt-oracle
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,13 +125,8 @@ class MergedAnswers:
         self._sights.append(sight)
         for _ in self._sights:
             # All of them each time: rays that need the same ones may need them in another order
-<<<<<<< HEAD
-            extended = [self._extend(known) for known in self._sights]
-            if not any(extended):
-=======
             goes_on = [self._extend(known) for known in self._sights]
             if not any(goes_on):
->>>>>>> wt-oracle
                 return
 
     def _extend(self, sight: Sight) -> bool:

@@ -15,11 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-<<<<<<< HEAD
 from . import tracer
-=======
 from .answers import SURELY_BEFORE
->>>>>>> wt-oracle
 from .camera import Camera
 from .frame_points import surface_points, toward_camera
 from .gbuffer import GBuffer
@@ -83,7 +80,7 @@ class LostRays:
         Parameters
         ----------
         count
-            Most views to return; fewer where no more rays are lost.
+            Most views to return; fewer where hardly any more rays are lost.
         threads
             As in `Settings.threads`.
 
@@ -103,7 +100,7 @@ class LostRays:
             sides = range(len(CUBE_FACES))
             score = np.stack([((gain * (face == side)) * weight).sum(axis=1) for side in sides])
             side, best = np.unravel_index(int(score.argmax()), score.shape)
-            if score[side, best] <= 0.0:
+            if score[side, best] <= _WORTH * _PIXELS * _RAYS:
                 break
             weight *= 1.0 - gain[best] * (face[best] == side)
             gain[best] *= face[best] != side
@@ -122,41 +119,8 @@ def find_lost_rays(gbuffer: GBuffer, camera: Camera, views: Sequence[View], sett
         Those that there are already.
     settings
         Thickness, largest distance, threads.
-<<<<<<< HEAD
     """
     scene = TraceScene(gbuffer, camera, views, settings, notes_hidden=True)
-=======
-    count
-        Most views to return; fewer where hardly any more rays are lost.
-
-    Returns
-    -------
-    list of (4, 4)
-        World matrices of the views, the most useful one first.
-    """
-    scene = TraceScene(gbuffer, camera, views, settings, notes_hidden=True)
-    point, direction = _lost_rays(scene, settings)
-    if not point.shape[1] or count < 1:
-        return []
-    place = _candidates(scene)
-    gain, face = _gains(scene, place, point, direction, settings.threads)
-    weight = np.ones(point.shape[1], dtype=gain.dtype)
-    poses: list[FloatArray] = []
-    for _ in range(count):
-        score = np.stack([((gain * (face == side)) * weight).sum(axis=1) for side in range(len(CUBE_FACES))])
-        side, best = np.unravel_index(int(score.argmax()), score.shape)
-        if score[side, best] <= _WORTH * _PIXELS * _RAYS:
-            break
-        weight *= 1.0 - gain[best] * (face[best] == side)
-        gain[best] *= face[best] != side
-        poses.append(camera.world_from_view @ _standing_at(place[:, best]) @ facing(CUBE_FACES[side]))
-    return poses
-
-
-def _lost_rays(scene: TraceScene, settings: Settings) -> tuple[FloatArray, FloatArray]:
-    """Return where some of the frame's diffuse rays go out of sight, and their directions, (3, N) each."""
-    gbuffer, camera = scene.views[0].layers[0], scene.views[0].camera
->>>>>>> wt-oracle
     pixel = np.flatnonzero(~gbuffer.is_background & is_colored(gbuffer.albedo))
     if not pixel.size:
         return LostRays(scene, 0.0, 0.0, *np.empty((2, 3, 0), dtype=scene.dtype))
@@ -167,14 +131,10 @@ def _lost_rays(scene: TraceScene, settings: Settings) -> tuple[FloatArray, Float
     direction = cosine_directions(u, v, normal).reshape(3, -1)
     origin = np.repeat(origin[:, None], _RAYS, axis=1).reshape(3, -1)
     merged = scene.merge(origin, direction, threads=settings.threads)
-<<<<<<< HEAD
     is_unknown = merged.answers(scene.texels).status == tracer.UNKNOWN
-    is_lost = merged.is_uncertain() & np.isfinite(merged.open_until)
-=======
     # At a hit on entry they are out of sight, but there is no more to be seen
     is_lost = merged.is_uncertain() & (merged.open_until < SURELY_BEFORE * merged.nearest)
     is_lost &= np.isfinite(merged.open_until)
->>>>>>> wt-oracle
     lost = np.flatnonzero(is_lost)
     direction = direction.take(lost, axis=1)
     point = origin.take(lost, axis=1) + direction * merged.open_until.take(lost)

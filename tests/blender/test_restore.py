@@ -9,11 +9,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-<<<<<<< HEAD
 from ssgi_addon.blender import capture, compat, cycles_passes, hidden_surfaces, roughness, views
-=======
-from ssgi_addon.blender import capture, compat, cycles_passes, roughness, views
->>>>>>> wt-oracle
 from ssgi_addon.blender.build import add_box, new_material, node_tree
 from ssgi_addon.blender.capture import CaptureOptions, capture_frame
 from ssgi_addon.blender.cycles_passes import cycles_engine
@@ -23,7 +19,6 @@ from ssgi_addon.errors import SSGIError
 from tests.blender.fingerprint import changes, fingerprint
 from tests.blender.test_roughness import MATERIALS, add_tile, look_down, material_of
 
-<<<<<<< HEAD
 OPTIONS = CaptureOptions(
     samples=1,
     resolution=(16, 12),
@@ -38,19 +33,12 @@ OPTIONS = CaptureOptions(
     behind=True,
     fill=1,
 )
-=======
-OPTIONS = CaptureOptions(samples=1, resolution=(16, 12), frame=3, surround=4, overscan=1.5, view_samples=1)
->>>>>>> wt-oracle
 
 
 @pytest.fixture(params=["aov", "native"])
 def scene(request, empty_file, monkeypatch):
     if request.param == "aov":
-<<<<<<< HEAD
         for module in (capture, views, hidden_surfaces):
-=======
-        for module in (capture, views):
->>>>>>> wt-oracle
             monkeypatch.setattr(module, "borrow_roughness", roughness.borrow_aov_roughness)
     elif not compat.has_roughness_pass(empty_file.view_layers[0]):
         pytest.skip("this Blender has no roughness among its denoising passes")
@@ -139,11 +127,7 @@ def test_everything_is_restored_after_a_reference(scene):
     assert_unchanged(before)
 
 
-<<<<<<< HEAD
 @pytest.mark.parametrize("step", ["Geometry", "Direct light", "Surround", "Back faces", "Layer behind"])
-=======
-@pytest.mark.parametrize("step", ["Geometry", "Direct light", "Overscan", "Surround"])
->>>>>>> wt-oracle
 def test_everything_is_restored_when_a_step_is_interrupted(scene, step):
     def interrupt(fraction, text):
         if text == step:

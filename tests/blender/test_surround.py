@@ -11,17 +11,12 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from mathutils import Vector
-from ssgi_addon.blender.surround import FACES, surround_pose
 
 from ssgi_addon.blender import compat, roughness, views
 from ssgi_addon.blender.build import add_ball, add_box, add_camera, new_material, new_world, node_tree
 from ssgi_addon.blender.capture import CaptureOptions, capture_frame
 from ssgi_addon.blender.restore import Restorer
-<<<<<<< HEAD
-from ssgi_addon.core import Camera
-=======
 from ssgi_addon.core.stations import CUBE_FACES
->>>>>>> wt-oracle
 from ssgi_addon.errors import SSGIError
 from tests.blender.test_capture import (
     set_cropped_border,

@@ -9,7 +9,7 @@ import pytest
 from ssgi_addon.core import Camera, Settings, tracer
 from ssgi_addon.core.frame_points import surface_points
 from ssgi_addon.core.scene import TraceScene
-from ssgi_addon.core.stations import plan_stations
+from ssgi_addon.core.stations import find_lost_rays
 from ssgi_addon.view_cameras import square_camera, surround_cameras
 from tests.core.synthetic import Plane, capture, look_at, uniform_gbuffer
 from tests.core.test_tracer import unit
@@ -76,7 +76,7 @@ def test_first_station_sees_the_wall_that_a_box_hides():
     frame, camera, around = room_and_box()
     hidden = hidden_wall(camera)
     assert 100 < len(hidden) < 1000
-    poses = plan_stations(frame, camera, around, Settings(), 3)
+    poses = find_lost_rays(frame, camera, around, Settings()).stations(3)
     first = square_camera(poses[0], 64)
     assert sees(first, hidden).mean() >= HIDDEN_WALL_SEEN
     # It stands in the room, and not within the box
@@ -90,7 +90,7 @@ def test_poses_are_rigid_and_in_world_space():
     moved = look_at((3.0, -2.0, 5.0), (1.0, 0.0, -3.0))
     frame, camera, _ = room_and_box()
     there = Camera.perspective(64, 48, 1.1, world_from_view=moved)
-    here, away = (plan_stations(frame, one, (), Settings(), 4) for one in (camera, there))
+    here, away = (find_lost_rays(frame, one, (), Settings()).stations(4) for one in (camera, there))
     assert len(here) == len(away) == 4
     for pose, other in zip(here, away):
         np.testing.assert_allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=UNIT_NORMAL)
@@ -103,17 +103,19 @@ def test_stations_are_the_same_again_with_any_number_of_threads(monkeypatch):
     monkeypatch.setattr(tracer, "LEAST_RAYS", 100)
     frame, camera, around = room_and_box()
     first, again, threaded = (
-        plan_stations(frame, camera, around, Settings(threads=threads), 4) for threads in (1, 1, 4)
+        find_lost_rays(frame, camera, around, Settings(threads=threads)).stations(4) for threads in (1, 1, 4)
     )
     np.testing.assert_array_equal(first, again)
     np.testing.assert_array_equal(first, threaded)
     # And asking for fewer gives the first of them
-    np.testing.assert_array_equal(plan_stations(frame, camera, around, Settings(), 2), first[:2])
+    np.testing.assert_array_equal(find_lost_rays(frame, camera, around, Settings()).stations(2), first[:2])
 
 
 def test_stations_differ_from_each_other_and_win_rays_back(rng):
     frame, camera, around = room_and_box()
-    stations = [square_camera(pose, 48) for pose in plan_stations(frame, camera, around, Settings(), 4)]
+    stations = [
+        square_camera(pose, 48) for pose in find_lost_rays(frame, camera, around, Settings()).stations(4)
+    ]
     assert len({one.world_from_view.tobytes() for one in stations}) == 4
     hidden = hidden_wall(camera)
     assert np.any([sees(one, hidden) for one in stations], axis=0).mean() >= HIDDEN_WALL_SEEN_BY_FOUR
@@ -141,7 +143,7 @@ def test_no_station_where_nothing_is_lost():
     """A closed convex room, and all of it around the camera."""
     camera = Camera.perspective(64, 48, 1.1)
     surround = [(capture(one, ROOM), one) for one in surround_cameras(camera, 2.0, 0.1, 48)]
-    assert plan_stations(capture(camera, ROOM), camera, surround, Settings(), 4) == []
+    assert find_lost_rays(capture(camera, ROOM), camera, surround, Settings()).stations(4) == []
 
 
 def test_no_station_without_surfaces_that_receive_light():
@@ -149,15 +151,15 @@ def test_no_station_without_surfaces_that_receive_light():
     empty = uniform_gbuffer((12, 16), np.inf)
     black = uniform_gbuffer((12, 16), 5.0, albedo=0.0)
     for frame in (empty, black):
-        assert plan_stations(frame, camera, (), Settings(), 4) == []
-        assert plan_stations(frame, camera, [(empty, camera)], Settings(), 4) == []
+        assert find_lost_rays(frame, camera, (), Settings()).stations(4) == []
+        assert find_lost_rays(frame, camera, [(empty, camera)], Settings()).stations(4) == []
     frame, camera, _ = room_and_box()
-    assert plan_stations(frame, camera, (), Settings(), 0) == []
+    assert find_lost_rays(frame, camera, (), Settings()).stations(0) == []
 
 
 def test_views_of_nothing_are_no_places_to_look_from():
     frame, camera, around = room_and_box()
     nothing = Camera.perspective(8, 8, 1.0, world_from_view=look_at((0, 0, 50.0), (0, 0, 90.0)))
     views = [*around, (uniform_gbuffer((8, 8), np.inf), nothing)]
-    poses = plan_stations(frame, camera, views, Settings(), 1)
+    poses = find_lost_rays(frame, camera, views, Settings()).stations(1)
     assert sees(square_camera(poses[0], 64), hidden_wall(camera)).mean() >= HIDDEN_WALL_SEEN

@@ -11,11 +11,8 @@ layers are asked in turn, and which answer wins:
 - A view sees a ray in the open from where it comes over its frame to what it meets, or to where it goes
   behind something. A view with layers sees it on behind the front layer, as long as it is in front of the
   next one. Stretches that touch make one, which begins at the origin.
-<<<<<<< HEAD
 - A layer behind shows nothing where no light reaches it directly, since its later bounces are not known: what
   is met there is in the way. Nor does it show any sky, only that nothing was captured.
-=======
->>>>>>> wt-oracle
 - Within that stretch there is neither a hit nor a block of a view that had itself lost sight of the ray.
 - The nearest hit is the answer, unless it lies deeper within a block than that is thick.
 """
@@ -42,11 +39,7 @@ NEAR = 0.02
 
 @dataclass
 class Known:
-<<<<<<< HEAD
     """What is known of one ray: hits (distance, texel, in sight), blocks (begin, until), open stretches."""
-=======
-    """Of one ray: hits (distance, texel, in sight), blocks (begin, until), open stretches (begin, end)."""
->>>>>>> wt-oracle
 
     hits: list[tuple[float, int, bool]] = field(default_factory=list)
     blocks: list[tuple[float, float]] = field(default_factory=list)
@@ -167,11 +160,7 @@ def _ask_layers(view, ask) -> list[tuple[int, int, float, float]]:
 
 
 def _over_frame(view, start, direction) -> tuple[float, float]:
-<<<<<<< HEAD
     """Return between which distances the ray lies over the frame's pyramid, before it vanishes."""
-=======
-    """Return between which distances the ray lies in the pyramid of the frame, before it vanishes."""
->>>>>>> wt-oracle
     camera = view.camera
     (x, y, z), (dx, dy, dz) = start, direction
     depth, approach = (1.0, 0.0) if camera.is_orthographic else (-z, -dz)
