@@ -78,7 +78,7 @@ class JobOptions:
         "Samples per pixel of a path-traced render of a quarter of the size each way, with all bounces: it "
         "brings the light that rays cannot find. 0 renders none. Costs about a tenth of the direct light's "
         "time at 16. Through Cycles only",
-        label="Fill",
+        label="Fill Samples",
         unit="samples/pixel",
         min=0,
         max=_MOST_SAMPLES,

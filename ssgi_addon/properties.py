@@ -19,6 +19,9 @@ from .job_options import BUDGETS, DEFAULT_PRESET, ENGINE_LABELS, ENGINES, JobOpt
 OPEN_ENDED = {None: "0 uses as many as there are", math.inf: "0 is without limit"}
 # Outside the class: Python 3.11 evaluates annotations where a comprehension sees no other names.
 _ENGINE_ITEMS = [(name, ENGINE_LABELS[name], "") for name in ENGINES]
+# Blender shows these units behind the number.
+_SUBTYPES = {"scene units": "DISTANCE", "pixels": "PIXEL"}
+_ACRONYMS = {"ssao": "SSAO"}
 
 
 def annotations_of(settings_type: type) -> dict[str, Any]:
@@ -64,7 +67,7 @@ def apply_preset(group: bpy.types.PropertyGroup, name: str) -> None:
 def _property(item: Field[Any]) -> Any:
     rule = item.metadata
     if rule["choices"] is not None:
-        items = [(choice, choice.replace("_", " ").title(), "") for choice in rule["choices"]]
+        items = [(choice, _label(choice), "") for choice in rule["choices"]]
         return EnumProperty(name=rule["label"], description=rule["help"], items=items, default=item.default)
     if isinstance(item.default, bool):
         return BoolProperty(name=rule["label"], description=rule["help"], default=item.default)
@@ -80,8 +83,12 @@ def _number_property(item: Field[Any]) -> Any:
     if item.default in OPEN_ENDED:
         options |= {"default": 0, "min": 0, "description": f"{rule['help']}. {OPEN_ENDED[item.default]}"}
     if isinstance(item.default, float):
-        return FloatProperty(**options, subtype="DISTANCE" if rule["unit"] == "scene units" else "NONE")
-    return IntProperty(**options, subtype="PIXEL" if rule["unit"] == "pixels" else "NONE")
+        return FloatProperty(**options, subtype=_SUBTYPES.get(rule["unit"], "NONE"))
+    return IntProperty(**options, subtype=_SUBTYPES.get(rule["unit"], "NONE"))
+
+
+def _label(choice: str) -> str:
+    return _ACRONYMS.get(choice, choice.replace("_", " ").title())
 
 
 def _from_group(settings_type: type, group: bpy.types.PropertyGroup) -> Any:

@@ -31,6 +31,8 @@ _CLOSE = 0.02
 _STEPS = 2.0
 # Two renders send their samples through a pixel this far apart, pixels.
 _JITTER_PX = 0.02
+# Slope of a plane that is seen edge-on, scene units per pixel: sums of it are still numbers.
+_STEEPEST = 1e30
 # Rounding of a depth, relative.
 _ROUNDING = 1e-5
 
@@ -172,7 +174,7 @@ def _slope(gbuffer: GBuffer, camera: Camera, depth: FloatArray) -> FloatArray:
             pixel / focal * np.abs(gbuffer.normal[..., axis]) / facing
             for axis, focal in enumerate((camera.fx, camera.fy))
         ]
-    return np.nan_to_num(np.stack(slopes), nan=0.0, posinf=np.finfo(np.float32).max).astype(np.float32)
+    return np.nan_to_num(np.stack(slopes), nan=0.0, posinf=_STEEPEST).astype(np.float32)
 
 
 def _sheet(gbuffer: GBuffer, camera: Camera, depth: FloatArray, heuristic: FloatArray) -> FloatArray:

@@ -70,11 +70,19 @@ class BeyondTheFrame:
             If a view cannot be rendered, or the render was cancelled.
         """
         options = self.options
-        goes_out = options.overscan > 1.0 or options.surround > 0
-        hides = options.back_faces or options.behind or options.stations > 0 or options.light_views > 0
-        if not (options.fill or goes_out or hides) or frame.gbuffer.is_background.all():
+        outward = {"surround": options.surround > 0, "overscan": options.overscan > 1.0}
+        hidden = {
+            "stations": options.stations > 0,
+            "lights": options.light_views > 0,
+            "back faces": options.back_faces,
+            "behind": options.behind,
+        }
+        if not (options.fill or any(outward.values()) or any(hidden.values())):
+            return frame
+        if frame.gbuffer.is_background.all():
             return frame
         self.frame = frame
+        self.lost: LostRays | None = None
         # Of the direct light, so that the frame's size and the scene's shaders count
         pixels = frame.camera.width * frame.camera.height * options.samples
         self.sample_seconds = frame.seconds["light"] / pixels
@@ -85,20 +93,16 @@ class BeyondTheFrame:
         if self._has_kept_views():
             self._look_behind(around=False)
             return self.frame
-        if not (goes_out or hides):
-            return self.frame
-        self.lost = self._find_lost()
-        if goes_out and self._needs("overscan, surround", self.lost.left):
+        if self._needs(outward, lambda lost: lost.left):
             self._take("surround", self._surround())
             self._take("overscan", self._overscan())
-        names = "stations, views from lights, back faces, layers behind"
-        if hides and self._needs(names, self.lost.share):
+        if self._needs(hidden, lambda lost: lost.share):
             self._take("stations", self._stations(), at_least=1)
             self._take("lights", self._lamps())
             self._look_behind()
-        if self.kept is not None:
+        if self.kept is not None and self.frame.views:
             frame = self.frame
-            self.kept.keep(frame.views, frame.view_names, self.lost.share, self.scene.frame_current)
+            self.kept.keep(frame.views, frame.view_names, self._look().share, self.scene.frame_current)
         return self.frame
 
     def _has_kept_views(self) -> bool:
@@ -108,10 +112,10 @@ class BeyondTheFrame:
             return False
         alone = self.frame
         self.frame = replace(alone, views=kept.views, view_names=kept.view_names)
-        if self._find_lost().share <= kept.lost + LEAST_LOST:
+        if self._look().share <= kept.lost + LEAST_LOST:
             self._leave_out(", ".join(dict.fromkeys(kept.view_names)), f"kept from frame {kept.frame}")
             return True
-        self.frame = replace(alone, seconds=self.frame.seconds)
+        self.frame, self.lost = replace(alone, seconds=self.frame.seconds), None
         return False
 
     def _fill(self) -> None:
@@ -131,24 +135,33 @@ class BeyondTheFrame:
         self._spend("fill", seconds)
         self.frame = replace(self.frame, fill=fill if self.kept is None else self.kept.averaged(fill))
 
-    def _needs(self, names: str, lost: float) -> bool:
-        """Return whether rays need what is named; note it where too few do."""
+    def _needs(self, wanted: dict[str, bool], share: Callable[[LostRays], float]) -> bool:
+        """Return whether some of what is wanted has rays to win, and time; note it where not."""
+        names = ", ".join(name for name, is_wanted in wanted.items() if is_wanted)
+        if not names:
+            return False
+        if self.render_seconds > self.seconds_left:
+            self._leave_out(names, self._too_dear(self.render_seconds))
+            return False
+        lost = share(self._look())
         if lost >= LEAST_LOST:
             return True
         self._leave_out(names, f"only {lost:.1%} of the rays need them")
         return False
 
-    def _find_lost(self) -> LostRays:
-        """Send the quick pass through what there is."""
-        begun, frame = time.perf_counter(), self.frame
-        lost = find_lost_rays(frame.gbuffer, frame.camera, frame.views, Settings())
-        self._spend("planning", time.perf_counter() - begun)
-        return lost
+    def _look(self) -> LostRays:
+        """Return what the quick pass loses in the views that there are."""
+        if self.lost is None:
+            begun, frame = time.perf_counter(), self.frame
+            self.lost = find_lost_rays(frame.gbuffer, frame.camera, frame.views, Settings())
+            self._spend("planning", time.perf_counter() - begun)
+        return self.lost
 
     def _note_gain(self, *names: str) -> None:
         """Note by how much fewer rays are lost since the last look."""
-        before, self.lost = self.lost, self._find_lost()
-        gain = before.share - self.lost.share
+        before = self._look().share
+        self.lost = None
+        gain = before - self._look().share
         self.frame = replace(self.frame, gains={**self.frame.gains, ", ".join(names): gain})
 
     def _take(self, name: str, cameras: Sequence[Camera], at_least: int | None = None) -> None:
@@ -199,7 +212,7 @@ class BeyondTheFrame:
 
     def _stations(self) -> list[Camera]:
         begun = time.perf_counter()
-        poses = self.lost.stations(self.options.stations)
+        poses = self._look().stations(self.options.stations)
         self._spend("planning", time.perf_counter() - begun)
         return [square_camera(pose, self.options.view_size) for pose in poses]
 

@@ -192,6 +192,7 @@ def _is_beyond_passed(
     """Return where a depth is not the first surface's still, nor a back face's that is there twice."""
     is_turned = np.isin(passed.second.material, list(flipped))
     is_passed_back = passed.second.is_known & (passed.second.is_back != is_turned)
+    is_passed_back &= np.isfinite(passed.depth)  # Cycles names a surface without opacity, but not where it is
     nearest = np.where(front.is_background, np.float32(1.0), front.depth)
     nearest = np.where(is_passed_back, np.maximum(nearest, passed.depth), nearest)
     return is_beyond(depth, nearest, front, camera)

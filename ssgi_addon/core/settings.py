@@ -243,6 +243,7 @@ class DiffuseSettings:
         min=1,
         max=64,
         soft_max=8,
+        methods=("hemisphere", "horizon", "bitmask"),
     )
     sky_rays: int = option(
         2,

@@ -22,7 +22,10 @@ from tests.scenes import build_closed_room, build_emissive_room
 
 ROOT = Path(__file__).resolve().parents[2]
 SIZE = (48, 27)
-TINY = ["--resolution", "48x27", "--samples", "1", "--surround", "8", "--preset", "draft"]
+TINY = [
+    "--resolution", "48x27", "--samples", "1", "--preset", "draft",
+    "--budget", "1000", "--fill", "0", "--surround", "8", "--stations", "0", "--no-back-faces",
+]  # fmt: skip
 CONTRACT_LAYERS = {"direct", "diffuse", "glossy", "visibility", "known", "combined"}
 METRICS = {"relmse", "bias", "ssim", "flip"}
 

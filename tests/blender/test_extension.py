@@ -130,7 +130,7 @@ class Layout:
     row = column
 
 result = []
-for name in ("main", "diffuse", "reflections", "advanced", "output"):
+for name in ("main", "beyond", "diffuse", "reflections", "advanced", "output"):
     panel = getattr(bpy.types, f"SSGI_PT_{name}")
     self = type("Self", (), {"layout": Layout(), "draw_settings": panel.draw_settings})()
     self.draw_settings = panel.draw_settings.__get__(self)

@@ -23,7 +23,8 @@ from ssgi_addon.blender.build import (
 )
 from ssgi_addon.blender.capture import CaptureOptions, capture_frame
 from ssgi_addon.blender.restore import Restorer
-from ssgi_addon.core import Settings
+from ssgi_addon.core import Camera, GBuffer, Settings
+from ssgi_addon.thickness import Orientation, SurfaceIdentity, thickness_of
 from tests.blender.fingerprint import changes, fingerprint
 from tests.blender.opengl import needs_opengl
 from tests.blender.test_roughness import Network, new_group
@@ -192,6 +193,31 @@ def test_single_plane_is_a_thin_sheet(stage, turn, wall):
     assert np.allclose(frame.gbuffer.behind.depth[sheet], expected, rtol=CAPTURED_GEOMETRY)
 
 
+def test_sheet_seen_edge_on_is_no_thicker_than_the_heuristic():
+    """Its plane has no slope that is a number."""
+    shape = (3, 3)
+    black, depth = np.zeros((*shape, 3)), np.full(shape, 2.0, dtype=np.float32)
+    gbuffer = GBuffer(
+        depth=depth,
+        normal=np.broadcast_to((0.6, 0.8, 0.0), black.shape),
+        albedo=black,
+        specular=black,
+        roughness=np.ones(shape),
+        direct=black,
+    )
+    paper = SurfaceIdentity(
+        is_known=np.ones(shape, dtype=bool),
+        is_back=np.zeros(shape, dtype=bool),
+        material=np.zeros(shape, dtype=np.int64),
+        thing=np.zeros(shape, dtype=np.float32),
+    )
+    camera = Camera.orthographic(3, 3, 1.0)
+    things = Orientation([paper.thing], [paper])
+    thickness = thickness_of(gbuffer, camera, depth + 1.0, paper, paper, things)
+    assert (thickness > 0.0).all()
+    assert (thickness <= Settings().thickness).all()  # of a view that is 1 wide
+
+
 def test_wall_that_shows_its_back_is_the_layer_behind(stage):
     """Normals of a room that was modelled from outside."""
     flip(stage.objects["Wall"])
@@ -290,6 +316,16 @@ def test_nothing_is_behind_the_last_surface(stage):
     frame = capture_frame(stage, OPTIONS)
     assert np.isposinf(frame.gbuffer.behind.depth).all()
     assert np.allclose(frame.gbuffer.thickness, 1.0, atol=BACK_FACE)
+
+
+def test_nothing_is_behind_an_invisible_back(stage):
+    """Cycles gives it no depth, though it tells what it is."""
+    bpy.data.objects.remove(stage.objects["Wall"])
+    sheet = add_sheet(stage, new_material("Paper", WHITE))
+    sheet.rotation_euler = (0.3, 0.0, 0.4)
+    flip(add_sheet(stage, material_of(lambda net: net.add("ShaderNodeBsdfTransparent")), y=2.0, half=0.8))
+    frame = capture_frame(stage, OPTIONS)
+    assert np.isposinf(frame.gbuffer.behind.depth[pixels_of(frame, DISTANCE + HALF)]).all()
 
 
 def test_a_threshold_of_nothing_still_looks_through(stage):

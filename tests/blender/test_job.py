@@ -43,7 +43,11 @@ def options(tmp_path):
         settings=Settings.preset("draft"),
         resolution=SIZE,
         samples=1,
+        budget=1000.0,
+        fill=0,
         surround=8,
+        stations=0,
+        back_faces=False,
         reference_samples=1,
     )
 
