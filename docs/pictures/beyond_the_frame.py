@@ -63,7 +63,10 @@ class Picture:
 PICTURES = {
     "mirror": Picture(
         build_mirror_room,
-        CaptureOptions(samples=64, resolution=(400, 240), surround=256, stations=8, view_size=256, view_samples=16, back_faces=True),
+        CaptureOptions(
+            samples=64, resolution=(400, 240), surround=256, stations=8, view_size=256, view_samples=16,
+            back_faces=True,
+        ),
         "final",
         {"frame alone": Configuration(), "surround and stations": _STATIONS},
     ),
@@ -77,7 +80,7 @@ PICTURES = {
             "and stations": _STATIONS,
             "and fill": replace(_STATIONS, fill=True),
         },
-        shows_diffuse=1.0,
+        shows_diffuse=2.0,
     ),
 }  # fmt: skip
 
@@ -91,7 +94,12 @@ def draw(name: str) -> None:
     for title, configuration in picture.panels.items():
         used = configuration.of(frame)
         light = render_indirect(
-            used.gbuffer, used.camera, Settings.preset(picture.preset), used.environment, used.views, fill=used.fill
+            used.gbuffer,
+            used.camera,
+            Settings.preset(picture.preset),
+            used.environment,
+            used.views,
+            fill=used.fill,
         )
         shown.append((title, _image(picture, light, used)))
     truth = combined if picture.shows_diffuse is None else diffuse * picture.shows_diffuse

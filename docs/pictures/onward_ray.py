@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The figure in ``docs/beyond_the_frame.md``: a ray that goes out of sight behind a thing, seen from above."""
+"""The figure in ``docs/beyond_the_frame.md``: a ray that goes out of sight behind a thing, from above."""
 
 from __future__ import annotations
 
