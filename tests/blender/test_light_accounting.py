@@ -42,7 +42,10 @@ def build_room_with_glowing_ceiling():
 
 
 CAPTURES = {
-    "cycles": CaptureOptions(samples=32, resolution=SIZE, surround=64, view_samples=16),
+    # The ball's unseen side lights the ground: stations show it.
+    "cycles": CaptureOptions(
+        samples=32, resolution=SIZE, surround=64, stations=4, view_size=64, view_samples=16
+    ),
     # A coarse surround makes emitters larger, by up to half a pixel on each side.
     "eevee": CaptureOptions(
         engine="eevee", samples=8, resolution=SIZE, surround=128, view_samples=2, denoise=False

@@ -1,0 +1,305 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Beyond the frame: each switch adds what it says, and what is left out says why."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+pytest.importorskip("OpenEXR")
+
+from ssgi_addon.blender import beyond, capture, engines, fill, job
+from ssgi_addon.blender.build import add_ball, add_camera, new_material, new_world
+from ssgi_addon.blender.capture import CaptureOptions, capture_frame
+from ssgi_addon.cli import main
+from ssgi_addon.errors import SSGIError
+from ssgi_addon.job_options import BEYOND_FRAME, BUDGETS, JobOptions
+from tests.blender.fingerprint import changes, fingerprint
+from tests.blender.opengl import needs_opengl
+from tests.scenes import BLACK, WHITE, build_closed_room, new_scene
+
+WIDTH, HEIGHT, SIDE = 16, 9, 12
+ALONE = CaptureOptions(samples=1, denoise=False, view_size=SIDE, view_samples=1)
+SWITCHES = {
+    "surround": {"surround": SIDE},
+    "overscan": {"overscan": 1.5},
+    "stations": {"stations": 2},
+    "lights": {"light_views": 1},
+    "fill": {"fill": 1},
+    "back faces": {"back_faces": True},
+    "behind": {"behind": True},
+}
+VIEWS = {"surround": 6, "overscan": 1, "stations": 2, "lights": 1}
+ALL = replace(ALONE, **{name: value for switch in SWITCHES.values() for name, value in switch.items()})
+# Seconds, where the clock is not the wall's: of the frame's light, and of a small view by the first estimate.
+LIGHT = 1.0
+VIEW = 0.25 + LIGHT * SIDE**2 / (WIDTH * HEIGHT)
+
+
+@pytest.fixture
+def room(empty_file):
+    scene = build_closed_room()
+    scene.render.resolution_x, scene.render.resolution_y = WIDTH, HEIGHT
+    return scene
+
+
+@pytest.fixture
+def ball(empty_file):
+    """One ball below an open sky, seen with much sky around it."""
+    scene = new_scene("Ball")
+    scene.world = new_world("Sky", (0.8, 0.9, 1.0), 1.0)
+    add_ball(scene, "Ball", new_material("Clay", WHITE, specular=0.0), (0.0, 0.0, 0.0), 1.0)
+    add_camera(scene, (0.0, -6.0, 0.0), (0.0, 0.0, 0.0), lens=40.0)
+    scene.render.resolution_x, scene.render.resolution_y = WIDTH, HEIGHT
+    return scene
+
+
+@pytest.fixture
+def steady_clock(monkeypatch):
+    """The light takes `LIGHT`, views and fill take what was estimated, and planning takes no time."""
+
+    def time_light(*arguments, real=capture._capture_light):
+        rendered, is_denoised = real(*arguments)
+        return replace(rendered, seconds=LIGHT), is_denoised
+
+    def time_views(*arguments, real=beyond.capture_views, **named):
+        views, _ = real(*arguments, **named)
+        return views, VIEW * len(views)
+
+    def time_fill(*arguments, real=beyond.capture_fill, **named):
+        return real(*arguments, **named)[0], 0.4 * LIGHT
+
+    monkeypatch.setattr(capture, "_capture_light", time_light)
+    monkeypatch.setattr(beyond, "capture_views", time_views)
+    monkeypatch.setattr(beyond, "capture_fill", time_fill)
+    monkeypatch.setattr(beyond, "time", SimpleNamespace(perf_counter=lambda: 0.0))
+
+
+def what_is_skipped(frame):
+    return [what for what, _ in frame.skipped]
+
+
+# --- Each switch ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", SWITCHES)
+def test_each_switch_adds_what_it_says_and_nothing_else(room, name):
+    frame = capture_frame(room, replace(ALONE, **SWITCHES[name]))
+    assert frame.view_names == (name,) * VIEWS.get(name, 0)
+    assert len(frame.views) == len(frame.view_names)
+    assert (frame.fill is not None) == (name == "fill")
+    assert (frame.gbuffer.thickness is not None) == (name == "back faces")
+    assert (frame.gbuffer.behind is not None) == (name == "behind")
+    assert frame.seconds[name] > 0.0
+    assert frame.seconds.keys() - {"geometry", "light", "planning"} == {name}
+    assert frame.skipped == ()
+
+
+def test_all_switches_together_look_behind_the_surfaces_of_all_views(room):
+    frame = capture_frame(room, ALL)
+    assert Counter(frame.view_names) == VIEWS
+    assert frame.fill is not None
+    assert frame.seconds.keys() == {"geometry", "light", "planning", *SWITCHES}
+    for gbuffer, camera in ((frame.gbuffer, frame.camera), *frame.views):
+        assert gbuffer.shape == (camera.height, camera.width)
+        assert gbuffer.thickness is not None
+        assert gbuffer.behind is not None
+
+
+def test_the_frame_itself_is_as_without_what_lies_beyond(room):
+    alone, among = (capture_frame(room, options) for options in (ALONE, ALL))
+    for name in ("depth", "normal", "albedo", "direct", "source"):
+        assert np.array_equal(getattr(alone.gbuffer, name), getattr(among.gbuffer, name)), name
+    assert alone.seconds.keys() == {"geometry", "light"}
+
+
+# --- What is not needed -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("left", "hidden", "skipped"),
+    [
+        (0.5, 0.5, []),
+        (0.01, 0.5, ["surround, overscan"]),
+        (0.01, 0.005, ["surround, overscan", "stations, lights, back faces, behind"]),
+    ],
+)
+def test_views_are_for_the_rays_that_are_lost(room, monkeypatch, left, hidden, skipped):
+    """Surround and overscan are for rays that leave the frame; the rest is also for those behind things."""
+
+    def find(*arguments, real=beyond.find_lost_rays):
+        return replace(real(*arguments), left=left, hidden=hidden)
+
+    monkeypatch.setattr(beyond, "find_lost_rays", find)
+    frame = capture_frame(room, ALL)
+    assert what_is_skipped(frame) == skipped
+    assert ("surround" in frame.view_names) == ("surround, overscan" not in skipped)
+    assert ("stations" in frame.view_names) == (len(skipped) < 2)
+    assert all(
+        why == f"only {share:.1%} of the rays need them"
+        for share, (_, why) in zip((left, left + hidden), frame.skipped)
+    )
+
+
+def test_what_reflects_nothing_needs_no_view(ball):
+    bpy.data.materials.remove(bpy.data.materials["Clay"])
+    bpy.data.objects["Ball"].data.materials.clear()
+    bpy.data.objects["Ball"].data.materials.append(new_material("Coal", BLACK, specular=0.0))
+    frame = capture_frame(ball, replace(ALONE, surround=SIDE, stations=1))
+    assert frame.views == ()
+    assert frame.skipped == (
+        ("surround", "only 0.0% of the rays need them"),
+        ("stations", "only 0.0% of the rays need them"),
+    )
+
+
+def test_frame_of_sky_takes_nothing_more(ball):
+    bpy.data.objects.remove(bpy.data.objects["Ball"])
+    frame = capture_frame(ball, ALL)
+    assert frame.seconds.keys() == {"geometry", "light"}
+    assert (frame.views, frame.fill) == ((), None)
+
+
+# --- What takes too long ----------------------------------------------------------------------------------
+
+
+def test_no_budget_leaves_all_out_without_a_look(room):
+    frame = capture_frame(room, replace(ALL, budget=0.0))
+    assert (frame.views, frame.fill, frame.gbuffer.thickness, frame.gbuffer.behind) == ((), None, None, None)
+    assert what_is_skipped(frame) == [
+        "fill",
+        "surround, overscan",
+        "stations, lights, back faces, behind",
+    ]
+    assert all(why.endswith(" s, and 0.0 s are left") for _, why in frame.skipped)
+    assert frame.seconds.keys() == {"geometry", "light"}
+
+
+def test_middling_budget_takes_fewer_stations(room, steady_clock):
+    frame = capture_frame(room, replace(ALONE, stations=4, budget=2.5 * VIEW / LIGHT))
+    assert frame.view_names == ("stations",) * 2
+    assert frame.skipped == (("2 of 4 stations", f"about {4 * VIEW:.1f} s, and {2.5 * VIEW:.1f} s are left"),)
+
+
+def test_budget_for_five_faces_takes_no_surround(room, steady_clock):
+    """What lies between the faces would be answered by none."""
+    frame = capture_frame(room, replace(ALONE, surround=SIDE, budget=5.5 * VIEW / LIGHT))
+    assert frame.views == ()
+    assert what_is_skipped(frame) == ["surround"]
+
+
+def test_small_budget_goes_to_the_fill(room, steady_clock):
+    frame = capture_frame(room, replace(ALL, budget=0.6))
+    assert frame.fill is not None
+    assert frame.views == ()
+    assert what_is_skipped(frame) == ["surround, overscan", "stations, lights, back faces, behind"]
+
+
+def test_views_that_were_taken_leave_less_for_the_rest(room, steady_clock):
+    budget = 8.5 * VIEW / LIGHT
+    frame = capture_frame(room, replace(ALONE, surround=SIDE, stations=4, budget=budget))
+    assert Counter(frame.view_names) == {"surround": 6, "stations": 2}
+    assert what_is_skipped(frame) == ["2 of 4 stations"]
+
+
+# --- Report and command line ------------------------------------------------------------------------------
+
+
+def test_report_lists_what_is_left_out(room, tmp_path):
+    options = JobOptions(output=tmp_path, samples=1, resolution=(WIDTH, HEIGHT), budget=0.0)
+    job.render_frames(room, options)
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["settings"]["budget"] == 0.0
+    skipped = {entry["what"]: entry["why"] for entry in report["frames"][0]["skipped"]}
+    for what in ("fill", "surround", "stations, back faces"):
+        assert skipped[what].endswith(" s are left")
+
+
+@pytest.fixture
+def asked_for(room, tmp_path, monkeypatch):
+    """Run `render` with flags up to the capture; return its options."""
+
+    def run(*flags):
+        found = []
+
+        def capture_nothing(scene, options, progress):
+            found.append(options)
+            raise SSGIError("that was all")
+
+        monkeypatch.setattr(job, "capture_frame", capture_nothing)
+        assert main(["render", "--output", str(tmp_path / "out"), *flags], inside_blender=True) == 1
+        return found[0]
+
+    return run
+
+
+def test_flags_reach_the_capture(asked_for):
+    line = "--budget 7.5 --fill 3 --surround 20 --overscan 1.25 --stations 5 --light-views 2 --no-back-faces"
+    options = asked_for(*line.split(), "--behind")
+    found = {name: getattr(options, name) for name in BEYOND_FRAME}
+    assert found == {
+        "budget": 7.5, "fill": 3, "surround": 20, "overscan": 1.25, "stations": 5, "light_views": 2,
+        "back_faces": False, "behind": True,
+    }  # fmt: skip
+    assert options.view_samples == job.VIEW_SAMPLES
+
+
+def test_without_flags_the_capture_takes_the_defaults(asked_for, tmp_path):
+    options, default = asked_for(), JobOptions(output=tmp_path)
+    for name in BEYOND_FRAME:
+        assert getattr(options, name) == getattr(default, name), name
+
+
+@pytest.mark.parametrize("preset", BUDGETS)
+def test_preset_sets_the_budget(asked_for, preset):
+    assert asked_for("--preset", preset).budget == BUDGETS[preset]
+
+
+@pytest.mark.parametrize("line", ["--budget -1", "--fill -1", "--overscan 0.5", "--stations 1.5"])
+def test_flag_out_of_range_is_bad_usage(tmp_path, line):
+    assert main(["render", "--output", str(tmp_path / "out"), *line.split()], inside_blender=True) == 2
+
+
+# --- EEVEE ------------------------------------------------------------------------------------------------
+
+
+@needs_opengl
+def test_eevee_takes_views_and_says_what_it_cannot(room):
+    frame = capture_frame(room, replace(ALL, engine="eevee"))
+    assert Counter(frame.view_names) == VIEWS
+    assert (frame.fill, frame.gbuffer.thickness, frame.gbuffer.behind) == (None, None, None)
+    assert frame.seconds.keys() == {"geometry", "light", "planning", *VIEWS}
+    assert any("Only Cycles can render a fill" in note for note in frame.notes)
+    assert any("Only Cycles can look behind surfaces" in note for note in frame.notes)
+
+
+# --- The file is as before --------------------------------------------------------------------------------
+
+
+def test_scene_is_as_before_when_a_render_of_any_stage_fails(room, monkeypatch):
+    """In the middle of each stage: not at its first render, where it has more of them."""
+    steps = Counter()
+    capture_frame(room, ALL, lambda fraction, text: steps.update([text]))
+    wanted = {"Fill", "Surround", "Overscan", "Stations", "Lights", "Back faces", "Layer behind"}
+    assert wanted <= steps.keys()
+    before = fingerprint()
+    for step in sorted(wanted):
+        seen = Counter()
+
+        def fail_in_the_middle(*arguments, real=engines.render_passes, seen=seen, step=step):
+            if seen[step] == (steps[step] + 2) // 2:
+                raise ZeroDivisionError(step)
+            return real(*arguments)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(engines, "render_passes", fail_in_the_middle)
+            patch.setattr(fill, "render_passes", fail_in_the_middle)
+            with pytest.raises(ZeroDivisionError, match=step):
+                capture_frame(room, ALL, lambda fraction, text, seen=seen: seen.update([text]))
+        assert changes(before, fingerprint()) == {}, step
