@@ -75,8 +75,8 @@ def _moves(
 ) -> FloatArray:
     """Return how light has to move at the fill's pixels (h * w, 7).
 
-    What has to be added, by which share of itself light that is too bright is lowered (a sum would leave black
-    spots where the rays' detail is dark), and 1 where that is known.
+    What has to be added, by which share of itself light that is too bright is lowered (a sum would leave
+    black spots where the rays' detail is dark), and 1 where that is known.
     """
     image = np.zeros((fill.depth.size, 7), dtype=light.dtype)
     texel, answered = _answered(light, pixel, frame, fill, threads)
