@@ -31,6 +31,7 @@ from benchmarks.ray_verdicts import Judgement, RayScore, WrongHits
 from benchmarks.variants import geometric_mean, relative_bias, relmse_without_noise
 from benchmarks.wide_frame import wide_frame
 from ssgi_addon.core import GBuffer, Settings, composite, render_indirect
+from ssgi_addon.core.metrics import KNOWN_ENOUGH
 from ssgi_addon.core.planner import is_colored
 from ssgi_addon.core.scene import TraceScene
 from ssgi_addon.core.settings import PRESETS
@@ -111,8 +112,9 @@ class LightScore:
         relMSE of the diffuse light, over surfaces with a diffuse colour, and of the picture.
     diffuse_alone, picture_alone
         relMSE of no indirect light, which they are divided by.
-    bias
-        Of the diffuse light, relative to the mean of the truth.
+    bias, known_bias
+        Of the diffuse light, relative to the mean of the truth; and where at least nine tenths of the rays
+        were answered, None where no pixel is.
     seconds
         Of all passes.
     """
@@ -122,6 +124,7 @@ class LightScore:
     diffuse_alone: float
     picture_alone: float
     bias: float
+    known_bias: float | None
     seconds: float
 
 
@@ -180,6 +183,7 @@ def score_light(
             for diffuse, glossy in zip(truth.diffuse_halves, truth.glossy_halves)
         ]
     )
+    mean, known = truth.diffuse_halves.mean(axis=0), counts & (light.known_diffuse >= KNOWN_ENOUGH)
     diffuse_alone = relmse_without_noise(none, truth.diffuse_halves, counts)
     picture_alone = relmse_without_noise(gbuffer.direct, pictures, everywhere)
     return LightScore(
@@ -187,7 +191,8 @@ def score_light(
         picture=relmse_without_noise(composite(gbuffer, light), pictures, everywhere) / picture_alone,
         diffuse_alone=diffuse_alone,
         picture_alone=picture_alone,
-        bias=relative_bias(light.diffuse, truth.diffuse_halves.mean(axis=0), counts),
+        bias=relative_bias(light.diffuse, mean, counts),
+        known_bias=relative_bias(light.diffuse, mean, known) if known.any() else None,
         seconds=seconds,
     )
 
@@ -228,12 +233,13 @@ def _print_rays(scores: Sequence[Score], figures: Mapping[str, Mapping[str, floa
 
 def _print_light(scores: Sequence[Score], figures: Mapping[str, Mapping[str, float | None]]) -> None:
     print("\nrelMSE of the light, relative to that of no indirect light (which 'alone' tells)")
-    print(f"{'':42}{'diffuse':>9}{'picture':>9}{'bias':>9}{'alone':>18}{'seconds':>9}")
+    print(f"{'':42}{'diffuse':>9}{'picture':>9}{'bias':>9}{'known':>9}{'alone':>18}{'seconds':>9}")
     for one in scores:
         if one.light is not None:
             light = one.light
             print(
                 f"{one.scene:20}{one.configuration:22}{light.diffuse:9.4f}{light.picture:9.4f}{light.bias:+9.1%}"
+                f"{'' if light.known_bias is None else f'{light.known_bias:+.1%}':>9}"
                 f"{light.diffuse_alone:9.4f}{light.picture_alone:9.4f}{light.seconds:9.1f}"
             )
     for name, row in figures.items():

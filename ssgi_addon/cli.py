@@ -113,6 +113,7 @@ def _add_render(commands: Any, *, inside_blender: bool) -> None:
     add_option(parser, "--samples", JobOptions, "samples", metavar="N")
     for name in BEYOND_FRAME:
         add_option(parser, "--" + name.replace("_", "-"), JobOptions, name, metavar="N")
+    add_option(parser, "--keep-world", JobOptions, "keep_world")
     frames = parser.add_mutually_exclusive_group()
     frames.add_argument(
         "--frame", metavar="N", type=lambda text: (whole_number(text),), dest="frames", help="one frame"

@@ -38,6 +38,8 @@ class CapturedFrame:
         Captured passes by Blender's long names, ``(H, W, 3)`` or ``(H, W)``.
     seconds
         Wall time of each capture step.
+    gains
+        By how much smaller the share of lost rays is (`core.stations.LostRays`) for each kind of view.
     skipped
         What was not captured and why, as (what, why).
     notes
@@ -57,6 +59,7 @@ class CapturedFrame:
     view_names: tuple[str, ...] = ()
     layers: Mapping[str, np.ndarray[Any, Any]] = field(default_factory=dict)
     seconds: Mapping[str, float] = field(default_factory=dict)
+    gains: Mapping[str, float] = field(default_factory=dict)
     skipped: tuple[tuple[str, str], ...] = ()
     notes: tuple[str, ...] = ()
     fill: Fill | None = None

@@ -135,6 +135,12 @@ class JobOptions:
         "the direct light of frame and views. Through Cycles only",
         label="Layer Behind",
     )
+    keep_world: bool = option(
+        True,
+        "Over several frames, go on with views of earlier ones and average their fills, until anything but "
+        "the camera moves. Off, each frame is the same whichever frames were rendered before it",
+        label="Keep Between Frames",
+    )
     save_passes: bool = option(
         False,
         "Also keep the captured passes and the camera, to compute the light again without Blender",

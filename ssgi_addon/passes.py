@@ -81,6 +81,7 @@ def write_passes(
         "fill": _write_fill(frame.fill, folder, f"{stem}_fill.exr"),
         "layers": list(frame.layers),
         "seconds": dict(frame.seconds),
+        "gains": dict(frame.gains),
         "skipped": [list(pair) for pair in frame.skipped],
         "notes": list(frame.notes),
     }
@@ -188,6 +189,7 @@ def _own_frame(path: Path, layers: Pixels, data: Mapping[str, Any], camera: Came
             view_names=tuple(view.get("name", "view") for view in data["views"]),
             layers={name: layers[name] for name in data["layers"]},
             seconds=data["seconds"],
+            gains=data.get("gains", {}),
             skipped=tuple((what, why) for what, why in data.get("skipped", ())),
             notes=tuple(data["notes"]),
             fill=_read_fill(data.get("fill"), path.parent),

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .core import Camera
+from .core.fill_level import limit_fireflies
 
 FloatArray = NDArray[np.float32]
 
@@ -25,7 +26,8 @@ def handed_on(layers: Mapping[str, FloatArray], roughness: FloatArray) -> FloatA
 
     Gloss takes its part of the light before the diffuse colour gets the rest, most of it at the camera's
     grazing angles. It hands its part on, too: what is missing in the colour is put back. A metal has no
-    diffuse light to go by; where it is rough, what it shows to the camera stands for what it shows to others.
+    diffuse light to go by; where it is rough, what it shows to the camera stands for what it shows to others,
+    but for the highlights of lamps, which are bright to one side alone.
 
     Parameters
     ----------
@@ -36,7 +38,8 @@ def handed_on(layers: Mapping[str, FloatArray], roughness: FloatArray) -> FloatA
     """
     color, gloss = layers["Diffuse Color"], layers["Glossy Color"]
     is_rough_metal = (color.max(axis=-1) < _LEAST_DIFFUSE_COLOR) & (roughness >= _SPREADING_ROUGHNESS)
-    glossy = layers["Glossy Direct"] * gloss
+    is_surface = (color + gloss).max(axis=-1) > 0.0
+    glossy = limit_fireflies(layers["Glossy Direct"] * gloss, is_surface)
     return np.where(is_rough_metal[..., None], glossy, layers["Diffuse Direct"] * _whole(color, gloss))
 
 

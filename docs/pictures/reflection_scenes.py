@@ -142,6 +142,60 @@ def build_corner() -> bpy.types.Scene:
     return scene
 
 
+def build_mirror_room() -> bpy.types.Scene:
+    """A mirror and a glossy floor that show what is behind the camera, for ``docs/beyond_the_frame.md``."""
+    scene = _new_scene("Mirror Room")
+    mirror = new_material("Mirror", (0.9, 0.9, 0.9), roughness=0.0, metallic=1.0)
+    floor = new_material("Glossy Floor", (0.5, 0.5, 0.52), roughness=0.15, metallic=1.0)
+    checks = _chequered_paint("Checks", (0.80, 0.52, 0.20), (0.10, 0.16, 0.30), (1.5, 1.5, 1.5))
+    white = _paint("White", _WHITE)
+    for name, material, low, high in (
+        ("Floor", floor, (-4.0, -6.0, -0.1), (4.0, 3.0, 0.0)),
+        ("Ceiling", white, (-4.0, -6.0, 4.0), (4.0, 3.0, 4.1)),
+        ("Wall", white, (-4.0, 3.0, 0.0), (4.0, 3.1, 4.0)),
+        ("Left Wall", _paint("Left", (0.35, 0.45, 0.50)), (-4.1, -6.0, 0.0), (-4.0, 3.0, 4.0)),
+        ("Right Wall", _paint("Right", (0.50, 0.42, 0.35)), (4.0, -6.0, 0.0), (4.1, 3.0, 4.0)),
+        ("Wall Behind", checks, (-4.0, -6.1, 0.0), (4.0, -6.0, 4.0)),
+        ("Mirror", mirror, (-1.9, 2.9, 0.15), (1.9, 3.0, 2.2)),
+        ("Red Post", _paint("Red", _RED), (-1.6, -4.2, 0.0), (-1.1, -3.7, 2.2)),
+        ("Blue Post", _paint("Blue", _BLUE), (1.3, -4.6, 0.0), (1.9, -4.0, 1.6)),
+        ("Green Block", _paint("Green", _GREEN), (2.4, 0.2, 0.0), (3.2, 1.0, 1.2)),
+        ("Yellow Front", _paint("Yellow", _YELLOW), (-1.15, 0.6, 0.0), (-0.55, 0.8, 1.0)),
+        ("Red Back", _paint("Red Back", _RED), (-1.15, 0.8, 0.0), (-0.55, 0.85, 1.0)),
+    ):
+        add_box(scene, name, material, low, high)
+    add_ball(scene, "Ball", _paint("Orange", _ORANGE), (0.6, -3.6, 0.5), 0.5)
+    _light(scene, (-2.0, 2.4, 3.7), (0.0, -5.0, 0.8), 1400.0)
+    _light(scene, (2.4, -5.0, 3.7), (0.0, 2.0, 0.8), 1200.0)
+    add_camera(scene, (0.0, -2.2, 1.35), (0.0, 3.0, 0.8), lens=26.0)
+    return scene
+
+
+def build_hidden_light() -> bpy.types.Scene:
+    """A room that is lit by what a lamp strikes behind a counter, for ``docs/beyond_the_frame.md``."""
+    scene = _new_scene("Hidden Light")
+    white = _paint("White", _WHITE)
+    for name, material, low, high in (
+        ("Floor", white, (-3.0, -4.5, -0.1), (3.0, 3.0, 0.0)),
+        ("Orange Floor", _paint("Orange", _ORANGE), (-1.9, 0.6, 0.0), (1.9, 2.0, 0.01)),
+        ("Ceiling", white, (-3.0, -4.5, 2.6), (3.0, 3.0, 2.7)),
+        ("Wall", white, (-3.0, 3.0, 0.0), (3.0, 3.1, 2.6)),
+        ("Left Wall", white, (-3.1, -4.5, 0.0), (-3.0, 3.0, 2.6)),
+        ("Right Wall", _paint("Blue", _BLUE), (3.0, -4.5, 0.0), (3.1, 3.0, 2.6)),
+        ("Wall Behind", white, (-3.0, -4.6, 0.0), (3.0, -4.5, 2.6)),
+        ("Counter", _paint("Counter", (0.45, 0.45, 0.45)), (-2.0, 0.3, 0.0), (2.0, 0.5, 1.15)),
+        ("Stool", _paint("Green", _GREEN), (-1.3, -1.1, 0.0), (-0.8, -0.6, 0.6)),
+    ):
+        add_box(scene, name, material, low, high)
+    add_ball(scene, "Ball", white, (0.9, -0.8, 0.4), 0.4)
+    lamp = _light(scene, (0.0, 1.3, 2.5), (0.0, 1.3, 0.0), 500.0)
+    lamp.data.spot_size = math.radians(55.0)
+    dim = _light(scene, (-2.6, -4.0, 2.4), (0.5, 0.5, 0.3), 60.0)
+    dim.data.spot_size = math.radians(80.0)
+    add_camera(scene, (0.0, -4.0, 1.25), (0.0, 1.0, 1.05), lens=24.0)
+    return scene
+
+
 def _new_scene(name: str) -> bpy.types.Scene:
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     scene = bpy.data.scenes.new(name)

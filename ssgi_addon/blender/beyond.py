@@ -17,6 +17,7 @@ from .capture_options import CaptureOptions
 from .engines import Engine
 from .fill import FILL_STRIDE, capture_fill
 from .hidden_surfaces import Take, add_hidden_surfaces
+from .kept_world import KeptWorld
 from .light_views import light_cameras
 from .views import borrow_cameras, capture_views
 
@@ -42,6 +43,8 @@ class BeyondTheFrame:
         What to take at most, and in how much time.
     report
         Called with a fraction and a text before each render; an exception from it ends the capture.
+    kept
+        What earlier frames captured of this world, and where this one's captures are kept; None keeps none.
     """
 
     def __init__(
@@ -51,7 +54,9 @@ class BeyondTheFrame:
         view_layer: bpy.types.ViewLayer,
         options: CaptureOptions,
         report: Progress,
+        kept: KeptWorld | None = None,
     ) -> None:
+        self.kept = kept
         self.engine, self.scene, self.view_layer = engine, scene, view_layer
         self.options, self.report = options, report
 
@@ -86,15 +91,33 @@ class BeyondTheFrame:
         # What brings most for its time comes first
         if options.fill:
             self._fill()
-        if self._look(outward, lambda lost: lost.left):
+        if self._has_kept_views():
+            self._look_behind(around=False)
+            return self.frame
+        if self._needs(outward, lambda lost: lost.left):
             self._take("surround", self._surround())
             self._take("overscan", self._overscan())
-        lost = self._look(hidden, lambda lost: lost.left + lost.hidden)
-        if lost is not None:
-            self._take("stations", self._stations(lost), at_least=1)
+        if self._needs(hidden, lambda lost: lost.share):
+            self._take("stations", self._stations(), at_least=1)
             self._take("lights", self._lamps())
             self._look_behind()
+        if self.kept is not None and self.frame.views:
+            frame = self.frame
+            self.kept.keep(frame.views, frame.view_names, self._look().share, self.scene.frame_current)
         return self.frame
+
+    def _has_kept_views(self) -> bool:
+        """Go on with the views of an earlier frame where they answer this one's rays as well as its own."""
+        kept = self.kept
+        if kept is None or not kept.views:
+            return False
+        alone = self.frame
+        self.frame = replace(alone, views=kept.views, view_names=kept.view_names)
+        if self._look().share <= kept.lost + LEAST_LOST:
+            self._leave_out(", ".join(dict.fromkeys(kept.view_names)), f"kept from frame {kept.frame}")
+            return True
+        self.frame, self.lost = replace(alone, seconds=self.frame.seconds), None
+        return False
 
     def _fill(self) -> None:
         """Render the fill."""
@@ -111,25 +134,36 @@ class BeyondTheFrame:
         self.report(0.6, "Fill")
         fill, seconds = capture_fill(self.scene, self.view_layer, samples=self.options.fill)
         self._spend("fill", seconds)
-        self.frame = replace(self.frame, fill=fill)
+        self.frame = replace(self.frame, fill=fill if self.kept is None else self.kept.averaged(fill))
 
-    def _look(self, wanted: dict[str, bool], share: Callable[[LostRays], float]) -> LostRays | None:
-        """Send the quick pass; None, and a note, where it is not worth a view, or no time is left for one."""
+    def _needs(self, wanted: dict[str, bool], share: Callable[[LostRays], float]) -> bool:
+        """Return whether some of what is wanted has rays to win, and time; note it where not."""
         names = ", ".join(name for name, is_wanted in wanted.items() if is_wanted)
         if not names:
-            return None
+            return False
         if self.render_seconds > self.seconds_left:
             self._leave_out(names, self._too_dear(self.render_seconds))
-            return None
+            return False
+        lost = share(self._look())
+        if lost >= LEAST_LOST:
+            return True
+        self._leave_out(names, f"only {lost:.1%} of the rays need them")
+        return False
+
+    def _look(self) -> LostRays:
+        """Return what the quick pass loses in the views that there are."""
         if self.lost is None:
-            begun = time.perf_counter()
-            frame = self.frame
+            begun, frame = time.perf_counter(), self.frame
             self.lost = find_lost_rays(frame.gbuffer, frame.camera, frame.views, Settings())
             self._spend("planning", time.perf_counter() - begun)
-        if share(self.lost) >= LEAST_LOST:
-            return self.lost
-        self._leave_out(names, f"only {share(self.lost):.1%} of the rays need them")
-        return None
+        return self.lost
+
+    def _note_gain(self, *names: str) -> None:
+        """Note by how much fewer rays are lost since the last look."""
+        before = self._look().share
+        self.lost = None
+        gain = before - self._look().share
+        self.frame = replace(self.frame, gains={**self.frame.gains, ", ".join(names): gain})
 
     def _take(self, name: str, cameras: Sequence[Camera], at_least: int | None = None) -> None:
         """Capture views, as many as the time allows if that is no fewer than `at_least` (None: all)."""
@@ -161,7 +195,7 @@ class BeyondTheFrame:
             views=(*self.frame.views, *views),
             view_names=(*self.frame.view_names, *[name] * len(views)),
         )
-        self.lost = None  # the rays find more now
+        self._note_gain(name)
 
     def _overscan(self) -> list[Camera]:
         factor = self.options.overscan
@@ -175,16 +209,16 @@ class BeyondTheFrame:
         return surround_cameras(self.frame.camera, nearest, clip_start, self.options.surround)
 
     def _lamps(self) -> list[Camera]:
-        return light_cameras(self.scene, self.frame, self.options.light_views, self.options.view_size)
+        return light_cameras(self.view_layer, self.frame, self.options.light_views, self.options.view_size)
 
-    def _stations(self, lost: LostRays) -> list[Camera]:
+    def _stations(self) -> list[Camera]:
         begun = time.perf_counter()
-        poses = lost.stations(self.options.stations)
+        poses = self._look().stations(self.options.stations)
         self._spend("planning", time.perf_counter() - begun)
         return [square_camera(pose, self.options.view_size) for pose in poses]
 
-    def _look_behind(self) -> None:
-        """Capture thickness and the layer behind, of all views."""
+    def _look_behind(self, around: bool = True) -> None:
+        """Capture thickness and the layer behind: of all views, or of the frame alone."""
         options = self.options
         wanted = {"back faces": options.back_faces, "behind": options.behind}
         if not any(wanted.values()):
@@ -194,7 +228,7 @@ class BeyondTheFrame:
             self.frame = replace(self.frame, notes=(*self.frame.notes, note))
             return
         frame = self.frame
-        cameras = [camera for _, camera in frame.views]
+        cameras = [camera for _, camera in frame.views] if around else []
         once = self._cost(frame.camera, 1) + sum(self._cost(camera, 1) for camera in cameras)
         lit = self._cost(frame.camera, options.samples)
         lit += sum(self._cost(camera, options.view_samples) for camera in cameras)
@@ -205,6 +239,8 @@ class BeyondTheFrame:
                 self._leave_out(name, self._too_dear(cost))
         if any(wanted.values()):
             self._add_hidden_surfaces(cameras, wanted["back faces"], wanted["behind"])
+            if around:
+                self._note_gain(*(name for name, is_wanted in wanted.items() if is_wanted))
 
     def _add_hidden_surfaces(self, cameras: Sequence[Camera], back_faces: bool, behind: bool) -> None:
         frame, options = self.frame, self.options
@@ -227,7 +263,7 @@ class BeyondTheFrame:
             denoise=options.denoise,
             progress=lambda fraction, text: self.report(0.8 + 0.2 * fraction, text),
         )
-        self.frame = replace(frame, gbuffer=front[0][0], views=around[0] if around else ())
+        self.frame = replace(frame, gbuffer=front[0][0], views=around[0] if around else frame.views)
         for name, value in seconds.items():
             self._spend(name, value)
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import Camera, Environment
+from ..errors import SSGIError
 from ..frame import CapturedFrame
 from .beyond import BeyondTheFrame
 from .capture_notes import capture_notes
@@ -18,6 +19,7 @@ from .capture_options import CaptureOptions
 from .cycles_passes import RenderedPasses
 from .engines import Engine, engine_named
 from .gbuffer import gbuffer_from_passes
+from .kept_world import KeptWorld
 from .render_settings import borrow_passes, borrow_pixel_centers, borrow_scene
 from .restore import Restorer
 from .roughness import borrow_roughness
@@ -30,7 +32,10 @@ Progress = Callable[[float, str], None]
 
 
 def capture_frame(
-    scene: bpy.types.Scene, options: CaptureOptions, progress: Progress | None = None
+    scene: bpy.types.Scene,
+    options: CaptureOptions,
+    progress: Progress | None = None,
+    kept: KeptWorld | None = None,
 ) -> CapturedFrame:
     """Render geometry and direct light of one frame.
 
@@ -47,6 +52,8 @@ def capture_frame(
         What to capture.
     progress
         Called with a fraction and a text before each step; an exception from it ends the capture.
+    kept
+        What earlier frames of this scene captured of its world; this one's captures are kept there, too.
 
     Returns
     -------
@@ -59,6 +66,9 @@ def capture_frame(
     SSGIError
         If the scene cannot be captured, or the render was cancelled.
     """
+    if options.surround < 0 or options.view_size < 1:
+        size = options.surround if options.surround < 0 else options.view_size
+        raise SSGIError(f"A view of {size} x {size} has no pixels: give at least 1 x 1.")
     engine = engine_named(options.engine)
     report = progress or _ignore
     with Restorer() as restorer:
@@ -78,7 +88,9 @@ def capture_frame(
         notes = capture_notes(scene)
         frame = _assemble(engine, geometry, roughness, light, is_denoised, notes)
         frame = replace(frame, environment=_environment(world, frame.camera))
-        frame = BeyondTheFrame(engine, scene, view_layer, options, report).added_to(frame)
+        if kept is not None:
+            kept.look_at(scene, view_layer)
+        frame = BeyondTheFrame(engine, scene, view_layer, options, report, kept).added_to(frame)
     if options.denoise and engine.denoises and not is_denoised:
         note = "This Blender has no denoiser: the direct light is not denoised."
         frame = replace(frame, notes=(*frame.notes, note))

@@ -25,6 +25,7 @@ from . import demo_scene
 from .capture import CaptureOptions, capture_frame
 from .comparison import compare_with_cycles
 from .display import write_display_png
+from .kept_world import KeptWorld
 
 Progress = Callable[[float, str], None]
 Report = dict[str, Any]
@@ -113,13 +114,15 @@ def render_frames(
             "samples": options.samples,
             "denoise": options.denoise,
             **_beyond(options),
+            "keep_world": options.keep_world,
         },
         "frames": [],
     }
     results = []
+    kept = KeptWorld() if options.keep_world and len(frames) > 1 else None
     for index, frame in enumerate(frames):
         part = _part(progress, index / len(frames), 1.0 / len(frames))
-        result = _render_one(scene, frame, options, part)
+        result = _render_one(scene, frame, options, part, kept)
         results.append(result)
         report["frames"].append(result.record)
         write_json(options.output / "report.json", report)
@@ -157,7 +160,9 @@ def run_demo(output: Path, progress: Progress | None = None) -> Path:
     return sheet
 
 
-def _render_one(scene: bpy.types.Scene, frame: int, options: JobOptions, progress: Progress) -> FrameResult:
+def _render_one(
+    scene: bpy.types.Scene, frame: int, options: JobOptions, progress: Progress, kept: KeptWorld | None
+) -> FrameResult:
     """Run the whole job on one frame; the order of the steps is that of the data flow."""
     seconds: dict[str, float] = {}
     share = 0.5 if options.compare else 1.0
@@ -175,6 +180,7 @@ def _render_one(scene: bpy.types.Scene, frame: int, options: JobOptions, progres
             **_beyond(options),
         ),
         _part(progress, 0.0, 0.5 * share),
+        kept,
     )
     seconds["capture"] = time.perf_counter() - begun
     computing = time.perf_counter()
@@ -212,6 +218,7 @@ def _record(frame: int, picture: Picture, seconds: dict[str, float]) -> Report:
         "peak_memory_mb": peak_memory_mb(),
         "rays": dict(picture.light.rays),
         "known": float(np.mean(picture.light.known, dtype=np.float64)),
+        "gains": dict(picture.frame.gains),
         "skipped": [
             {"what": what, "why": why} for what, why in (*picture.frame.skipped, *picture.light.skipped)
         ],

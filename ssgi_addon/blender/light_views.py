@@ -27,15 +27,17 @@ _SHARE_IN_SUN = 0.9
 _PIXELS = 1024
 
 
-def light_cameras(scene: bpy.types.Scene, frame: CapturedFrame, count: int, size: int) -> list[Camera]:
+def light_cameras(
+    view_layer: bpy.types.ViewLayer, frame: CapturedFrame, count: int, size: int
+) -> list[Camera]:
     """Return what the lamps see that are strongest where the frame's surfaces are.
 
     Emissive meshes and the world are no lamps here.
 
     Parameters
     ----------
-    scene
-        Its lamps.
+    view_layer
+        The one that renders: its lamps.
     frame
         What they shall light.
     count
@@ -47,9 +49,23 @@ def light_cameras(scene: bpy.types.Scene, frame: CapturedFrame, count: int, size
         return []
     points = _surfaces(frame)
     middle = Vector(np.median(points, axis=1))
-    lamps = [item for item in scene.objects if item.type == "LIGHT" and not item.hide_render]
-    lamps = sorted(lamps, key=lambda lamp: _irradiance(lamp, middle), reverse=True)
+    lamps = sorted(
+        _lamps(view_layer.layer_collection), key=lambda lamp: _irradiance(lamp, middle), reverse=True
+    )
     return [_camera(lamp, points, middle, size) for lamp in lamps[:count] if _irradiance(lamp, middle) > 0.0]
+
+
+def _lamps(collection: bpy.types.LayerCollection) -> list[bpy.types.Object]:
+    """Return the lamps of a collection and of those in it that a render shows."""
+    lamps = {
+        item.name_full: item
+        for item in collection.collection.objects
+        if item.type == "LIGHT" and not item.hide_render
+    }
+    for child in collection.children:
+        if not (child.exclude or child.collection.hide_render):
+            lamps.update((lamp.name_full, lamp) for lamp in _lamps(child))
+    return list(lamps.values())
 
 
 def _surfaces(frame: CapturedFrame) -> np.ndarray:
@@ -74,7 +90,7 @@ def _irradiance(lamp: bpy.types.Object, at: Vector) -> float:
         return 0.0
     if light.type == "AREA":
         return strength * max(along, 0.0) / (math.pi * distance**2)
-    return strength / (4.0 * math.pi**2 * distance**2)
+    return strength / (4.0 * math.pi * distance**2)
 
 
 def _camera(lamp: bpy.types.Object, points: np.ndarray, middle: Vector, size: int) -> Camera:

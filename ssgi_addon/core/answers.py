@@ -16,7 +16,7 @@ from .types import BoolArray, FloatArray, IntArray, StatusArray
 # Distances that differ by less are one: each view computes them in its own space.
 TOUCHING = 1.0 + 1e-4
 # What lies before this part of the open stretch is not there; nearer to its end views differ by their pixels.
-_SURELY_BEFORE = 0.98
+SURELY_BEFORE = 0.98
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,8 +125,8 @@ class MergedAnswers:
         self._sights.append(sight)
         for _ in self._sights:
             # All of them each time: rays that need the same ones may need them in another order
-            extended = [self._extend(known) for known in self._sights]
-            if not any(extended):
+            goes_on = [self._extend(known) for known in self._sights]
+            if not any(goes_on):
                 return
 
     def _extend(self, sight: Sight) -> bool:
@@ -147,7 +147,7 @@ class MergedAnswers:
     def _nearer_and_nearer(self, nearest: FloatArray) -> Iterator[tuple[_Hits, IntArray]]:
         """Yield what was hit, and which of it is there and nearer than the caller's `nearest` by then."""
         for hits in self._hits:
-            is_there = hits.is_in_sight | (hits.distance >= _SURELY_BEFORE * self.open_until.take(hits.ray))
+            is_there = hits.is_in_sight | (hits.distance >= SURELY_BEFORE * self.open_until.take(hits.ray))
             yield hits, np.flatnonzero(is_there & (hits.distance < nearest.take(hits.ray)))
 
     def answers(self, texels: int) -> Answers:

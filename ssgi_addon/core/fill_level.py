@@ -60,8 +60,8 @@ def set_level(
     for (light, pixel, _), found in zip(lights, carried, strict=True):
         found = found.take(slots.take(pixel), axis=0)
         # Pixels of the fill that the frame does not see are no part of the mean
-        found *= 1.0 / np.maximum(found[:, 3:], 1e-6)
-        levelled.append(np.maximum(light + found[:, :3], 0.0))
+        found *= 1.0 / np.maximum(found[:, 6:], 1e-6)
+        levelled.append(light * (1.0 - found[:, 3:6]) + found[:, :3])
     return levelled
 
 
@@ -73,8 +73,12 @@ def _moves(
     fill: Fill,
     threads: int | None,
 ) -> FloatArray:
-    """Return how far light has to move at the fill's pixels, and 1 where that is known (h * w, 4)."""
-    image = np.zeros((fill.depth.size, 4), dtype=light.dtype)
+    """Return how light has to move at the fill's pixels (h * w, 7).
+
+    What has to be added, by which share of itself light that is too bright is lowered (a sum would leave
+    black spots where the rays' detail is dark), and 1 where that is known.
+    """
+    image = np.zeros((fill.depth.size, 7), dtype=light.dtype)
     texel, answered = _answered(light, pixel, frame, fill, threads)
     if texel.size:
         limited = limit_fireflies(traced, ~fill.surfaces.is_background)
@@ -83,8 +87,10 @@ def _moves(
             fill.surfaces, fill.camera, texel, [brightest, darkest, answered], np.zeros_like(darkest[:, 0]),
             _LEVELS, threads, geometric_levels=_LEVELS,
         )  # fmt: skip
-        image[texel, :3] = np.clip(level, darkest, np.maximum(darkest, brightest)) - level
-        image[texel, 3] = 1.0
+        target = np.clip(level, darkest, np.maximum(darkest, brightest))
+        image[texel, :3] = np.maximum(target - level, 0.0)
+        image[texel, 3:6] = np.maximum(level - target, 0.0) / np.maximum(level, np.float32(1e-20))
+        image[texel, 6] = 1.0
     return image
 
 

@@ -20,6 +20,9 @@ from .types import BoolArray, FloatArray, IntArray
 # Cameras nearer to each other than this share of their nearest surface's depth stand at one place; parallel
 # views, whose directions and planes differ by less than this share of 1 and of their width.
 _SAME_PLACE = 1e-4
+# Rays that come from behind a camera are followed from this share of its nearest surface's depth on. Nobody
+# sees what lies between, so that it has to be small beside what rays cross near a surround's place.
+_NEAR = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,7 +257,7 @@ def _in_front_of_camera(
     view: PlacedView, origin: FloatArray, direction: FloatArray, begin: FloatArray
 ) -> FloatArray:
     """Return from which distance rays lie in front of a view's camera: at least `begin`, +inf for never."""
-    near = 0.0 if view.camera.is_orthographic else 0.5 * view.nearest_depth
+    near = 0.0 if view.camera.is_orthographic else _NEAR * view.nearest_depth
     depth, approach = -origin[2], -direction[2]
     with np.errstate(divide="ignore", invalid="ignore"):
         enters = np.where(approach > 0.0, (near - depth) / approach, np.inf)

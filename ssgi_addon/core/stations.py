@@ -16,8 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import tracer
+from .answers import SURELY_BEFORE
 from .camera import Camera
-from .frame_points import surface_points
+from .frame_points import surface_points, toward_camera
 from .gbuffer import GBuffer
 from .planner import is_colored
 from .sampling import cosine_directions, sample_square
@@ -32,6 +33,8 @@ _CANDIDATES = 96
 _NEAREST, _FARTHEST = 0.3, 0.9
 # Of the way to the point where a ray went out of sight: the point itself lies at the edge of what is open.
 _NEARLY = 0.97
+# Share of all rays that a view has to win back: it costs a render.
+_WORTH = 0.002
 _SEED = 11
 # Where each face of a cube around a place looks, and what is up in it.
 CUBE_FACES = (
@@ -66,13 +69,18 @@ class LostRays:
     point: FloatArray
     direction: FloatArray
 
+    @property
+    def share(self) -> float:
+        """Share of rays that are lost in either way."""
+        return self.left + self.hidden
+
     def stations(self, count: int, threads: int | None = None) -> list[FloatArray]:
         """Choose views of 90 degrees from elsewhere that see what was lost.
 
         Parameters
         ----------
         count
-            Most views to return; fewer where no more rays are lost.
+            Most views to return; fewer where hardly any more rays are lost.
         threads
             As in `Settings.threads`.
 
@@ -92,7 +100,7 @@ class LostRays:
             sides = range(len(CUBE_FACES))
             score = np.stack([((gain * (face == side)) * weight).sum(axis=1) for side in sides])
             side, best = np.unravel_index(int(score.argmax()), score.shape)
-            if score[side, best] <= 0.0:
+            if score[side, best] <= _WORTH * _PIXELS * _RAYS:
                 break
             weight *= 1.0 - gain[best] * (face[best] == side)
             gain[best] *= face[best] != side
@@ -124,7 +132,9 @@ def find_lost_rays(gbuffer: GBuffer, camera: Camera, views: Sequence[View], sett
     origin = np.repeat(origin[:, None], _RAYS, axis=1).reshape(3, -1)
     merged = scene.merge(origin, direction, threads=settings.threads)
     is_unknown = merged.answers(scene.texels).status == tracer.UNKNOWN
-    is_lost = merged.is_uncertain() & np.isfinite(merged.open_until)
+    # At a hit on entry they are out of sight, but there is no more to be seen
+    is_lost = merged.is_uncertain() & (merged.open_until < SURELY_BEFORE * merged.nearest)
+    is_lost &= np.isfinite(merged.open_until)
     lost = np.flatnonzero(is_lost)
     direction = direction.take(lost, axis=1)
     point = origin.take(lost, axis=1) + direction * merged.open_until.take(lost)
@@ -162,7 +172,10 @@ def _gains(
     start = np.ascontiguousarray(np.broadcast_to(place[:, :, None], toward.shape)).reshape(3, -1)
     open_until = scene.open_from(start, toward.reshape(3, -1), threads).reshape(distance.shape)
     along = (toward * direction[:, None, :]).sum(axis=0)
-    gain = np.maximum(along, 0.0) * (open_until >= _NEARLY * distance)
+    # Who looks from where the frame does loses the ray at the same edge
+    sight = -toward_camera(scene.views[0].camera, point)
+    askew = 1.0 - np.maximum((toward * sight[:, None, :]).sum(axis=0), 0.0)
+    gain = np.maximum(along, 0.0) * askew * (open_until >= _NEARLY * distance)
     axes = np.stack([np.tensordot(np.array(forward), toward, axes=1) for forward, _ in CUBE_FACES])
     return gain.astype(scene.dtype), axes.argmax(axis=0)
 

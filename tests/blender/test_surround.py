@@ -11,13 +11,12 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from mathutils import Vector
-from ssgi_addon.blender.surround import FACES, surround_pose
 
-from ssgi_addon.blender import compat, roughness, surround
+from ssgi_addon.blender import compat, roughness, views
 from ssgi_addon.blender.build import add_ball, add_box, add_camera, new_material, new_world, node_tree
 from ssgi_addon.blender.capture import CaptureOptions, capture_frame
 from ssgi_addon.blender.restore import Restorer
-from ssgi_addon.core import Camera
+from ssgi_addon.core.stations import CUBE_FACES
 from ssgi_addon.errors import SSGIError
 from tests.blender.test_capture import (
     set_cropped_border,
@@ -66,7 +65,7 @@ def pixel_centers_ws(camera):
 def test_faces_hold_what_rays_from_their_place_hit(room):
     frame = capture_frame(room, OPTIONS)
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    assert len(frame.views) == len(FACES)
+    assert len(frame.views) == len(CUBE_FACES)
     for gbuffer, camera in frame.views:
         directions = pixel_centers_ws(camera)
         depth, normal = np.zeros(gbuffer.shape), np.zeros((*gbuffer.shape, 3))
@@ -109,7 +108,7 @@ def test_faces_hand_on_no_emission(empty_file):
     """The panel above the camera shines in the up face; as a source it is dark: Cycles counted its light."""
     scene = build_emissive_room()
     scene.camera.location = (0.0, 0.9, 1.5)
-    up = capture_frame(scene, OPTIONS).views[list(FACES).index("up")][0]
+    up = capture_frame(scene, OPTIONS).views[[forward for forward, _ in CUBE_FACES].index((0, 1, 0))][0]
     is_panel = up.direct.min(axis=-1) > 7.0  # 12 x (1, 0.85, 0.6)
     assert is_panel.any()
     assert up.glossy_source[is_panel].max() < 0.1 * up.direct[is_panel].min()
@@ -119,7 +118,7 @@ def test_faces_hand_on_no_emission(empty_file):
 def test_faces_have_the_roughness_of_their_surfaces(empty_file, monkeypatch, source):
     tolerance = ROUGHNESS_DENOISING
     if source == "aov":
-        monkeypatch.setattr(surround, "borrow_roughness", roughness.borrow_aov_roughness)
+        monkeypatch.setattr(views, "borrow_roughness", roughness.borrow_aov_roughness)
         tolerance = ROUGHNESS_AOV
     elif not compat.has_roughness_pass(empty_file.view_layers[0]):
         pytest.skip("this Blender has no roughness among its denoising passes")
@@ -147,8 +146,8 @@ def test_fog_does_not_hide_the_surfaces_around(room):
 
 def assert_surrounds(views, world_from_view):
     """Faces look along both ways of each axis of a pose, from its place, with a right angle's view."""
-    assert len(views) == len(FACES)
-    for (_, camera), (forward, up) in zip(views, FACES.values(), strict=True):
+    assert len(views) == len(CUBE_FACES)
+    for (_, camera), (forward, up) in zip(views, CUBE_FACES, strict=True):
         rotation = world_from_view[:3, :3]
         assert np.allclose(camera.world_from_view[:3, 3], world_from_view[:3, 3], atol=CAPTURED_GEOMETRY)
         assert np.allclose(-camera.world_from_view[:3, 2], rotation @ forward, atol=UNIT_NORMAL)
@@ -265,16 +264,6 @@ def test_orthographic_frame_lies_in_the_front_face(room):
     assert_surrounds(frame.views, pose)
 
 
-@pytest.mark.parametrize(
-    ("nearest", "ahead"), [(50.0, 47.0), (4.0, 1.0), (3.5, 1.0), (1.0, 1.0), (math.inf, 1.0)]
-)
-def test_orthographic_surround_stands_half_a_frame_before_the_nearest_surface(nearest, ahead):
-    camera = Camera.orthographic(60, 30, 6.0, shift_px=(10.0, 0.0))
-    pose = surround_pose(camera, nearest, 1.0)
-    assert np.allclose(pose[:3, 3], (-1.0, 0.0, -ahead))
-    assert np.array_equal(pose[:3, :3], camera.world_from_view[:3, :3])
-
-
 # --- What is captured -------------------------------------------------------------------------------------
 
 
@@ -301,7 +290,7 @@ def test_progress_goes_on_through_the_faces(room):
     fractions = [fraction for fraction, _ in told]
     assert fractions == sorted(fractions)
     assert fractions[-1] == 1.0
-    assert [text for _, text in told].count("Surround") == len(FACES)
+    assert [text for _, text in told].count("Surround") == len(CUBE_FACES)
 
 
 @pytest.mark.parametrize("size", [1, 3])

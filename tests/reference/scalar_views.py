@@ -8,9 +8,9 @@ layers are asked in turn, and which answer wins:
   its frame, unless something was met there: from one place, everything else hides what it hid before.
 - Views of other places are asked from where the ray goes out of sight, one place after the other, until one
   has seen it all the way to an answer.
-- A view sees a ray in the open from where it comes over its frame to what it meets, or to where it goes behind
-  something. A view with layers sees it on behind the front layer, as long as it is in front of the next one.
-  Stretches that touch make one, which begins at the origin.
+- A view sees a ray in the open from where it comes over its frame to what it meets, or to where it goes
+  behind something. A view with layers sees it on behind the front layer, as long as it is in front of the
+  next one. Stretches that touch make one, which begins at the origin.
 - A layer behind shows nothing where no light reaches it directly, since its later bounces are not known: what
   is met there is in the way. Nor does it show any sky, only that nothing was captured.
 - Within that stretch there is neither a hit nor a block of a view that had itself lost sight of the ray.
@@ -33,6 +33,8 @@ SURELY_BEFORE = 0.98
 # Cameras this close to each other, relative to the nearest surface, stand at one place; parallel ones, whose
 # directions and planes are as close, relative to 1 and to their width.
 SAME_PLACE = 1e-4
+# Of its nearest surface's depth: where a view's sight begins.
+NEAR = 0.02
 
 
 @dataclass
@@ -132,8 +134,8 @@ def _visit(known, home, view, origin, direction, begin, max_distance) -> None:
     move = np.linalg.inv(view.camera.world_from_view) @ home.camera.world_from_view
     origin = [sum(float(m) * float(v) for m, v in zip(row[:3], origin)) + float(row[3]) for row in move[:3]]
     direction = [sum(float(m) * float(v) for m, v in zip(row[:3], direction)) for row in move[:3]]
-    # Before the camera's plane: a perspective view shows nothing nearer than its nearest surface
-    near = 0.0 if view.camera.is_orthographic else 0.5 * _nearest_depth(view)
+    # A perspective view is asked from shortly before its camera on, long before its nearest surface
+    near = 0.0 if view.camera.is_orthographic else NEAR * _nearest_depth(view)
     depth, approach = -origin[2] - begin * direction[2], -direction[2]
     if depth < near:
         begin = begin + (near - depth) / approach if approach > 0.0 else math.inf
