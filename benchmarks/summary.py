@@ -126,11 +126,55 @@ def diffuse_cycles(record: Record) -> str:
     return f"{text}\nMedian over the scenes of the bias' size: {median}.\n\n{_table(head, rows)}"
 
 
+def beyond_frame(record: Record) -> str:
+    """Return the tables of `beyond_frame`: all scenes together, and the picture's error scene by scene."""
+    what, results = record["parameters"], record["results"]
+    text = "{} × {}, {} rays a scene, light of the `{}` preset, {} samples of Cycles. {}".format(
+        *what["size"], what["rays"], what["preset"], what["samples"], _where(record)
+    )
+    head = ("captured", "known", "hits right", "diffuse", "picture", "bias where known")
+    rows = [
+        (
+            name,
+            f"{row['known']:.1%}",
+            f"{row['hits_right']:.1%}",
+            f"{row['diffuse']:.3f}",
+            f"{row['picture']:.3f}",
+            "–" if row["known_bias"] is None else f"{row['known_bias']:.1%}",
+        )
+        for name, row in results["overall"].items()
+    ]
+    scenes = tuple(dict.fromkeys(score["scene"] for score in results["scores"]))
+    found = {(score["scene"], score["configuration"]): score for score in results["scores"]}
+    by_scene = [
+        (
+            name,
+            *(f"{found[one, name]['light']['picture']:.3f}" for one in scenes),
+        )
+        for name in results["overall"]
+    ]
+    known = [
+        (name, *(f"{found[one, name]['rays']['known']:.0%}" for one in scenes)) for name in results["overall"]
+    ]
+    return "\n\n".join(
+        [
+            text,
+            _table(head, rows),
+            "Error of the picture, relative to no indirect light:",
+            _table(("captured", *scenes), by_scene),
+            "Share of the rays that are answered:",
+            _table(("captured", *scenes), known),
+        ]
+    )
+
+
 TABLES: dict[str, Callable[[Record], str]] = {
     "tracer_speed": tracer_speed,
     "scaling": scaling,
     "diffuse_quality": diffuse_quality,
     "diffuse_cycles": diffuse_cycles,
+    "beyond_frame": beyond_frame,
+    "beyond_frame_cornell": beyond_frame,
 }
 
 
