@@ -27,23 +27,22 @@ _NEAR = 0.02
 
 @dataclass(frozen=True, eq=False)
 class PlacedView:
-    """A camera's layers, front first, and where their pixels stand among all texels."""
+    """A camera's layers, front first, and where their pixels stand among all texels.
+
+    Nothing of a perspective view lies nearer than `nearest_depth`.
+    """
 
     camera: Camera
     layers: list[GBuffer]
     fields: list[DepthField]
     offsets: list[int]
+    nearest_depth: float = np.inf
 
     @cached_property
     def is_lit(self) -> list[BoolArray | None]:
         """Where each layer behind hands on light (H*W,); None for the front layer."""
         behind = [(layer.diffuse_source > 0.0).any(axis=-1).reshape(-1) for layer in self.layers[1:]]
         return [None, *behind]
-
-    @property
-    def nearest_depth(self) -> float:
-        """Nothing of a perspective view lies nearer."""
-        return 1.0 / max(1e-30, *(float(field.front.max()) for field in self.fields))
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,6 +131,17 @@ class Place:
                 [visit.found for visit in layers], [visit.asked for visit in layers[1:]]
             )
             merged.see(Sight(rays.number.take(layers[0].ray), layers[0].enters, in_sight))
+
+
+def with_nearest_depths(views: Sequence[PlacedView]) -> list[PlacedView]:
+    """Return views with the depth of what they show nearest; where one shows none, that of all the others."""
+    nearest = [1.0 / max(1e-30, *(float(field.front.max()) for field in view.fields)) for view in views]
+    shows = [not all(field.is_background.all() for field in view.fields) for view in views]
+    overall = min((depth for depth, is_any in zip(nearest, shows, strict=True) if is_any), default=1.0)
+    return [
+        replace(view, nearest_depth=depth if is_any else overall)
+        for view, depth, is_any in zip(views, nearest, shows, strict=True)
+    ]
 
 
 def places_of(views: Sequence[PlacedView]) -> list[Place]:

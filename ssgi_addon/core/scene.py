@@ -15,7 +15,7 @@ from .camera import Camera
 from .depth_field import MAX_LEVEL, DepthField
 from .environment import Environment
 from .gbuffer import GBuffer
-from .places import OnwardRays, Place, PlacedView, TraceLimits, move_between, places_of
+from .places import OnwardRays, Place, PlacedView, TraceLimits, move_between, places_of, with_nearest_depths
 from .settings import Settings
 from .types import FloatArray, IntArray
 
@@ -76,6 +76,7 @@ class TraceScene:
             q_end = min(field.q_end for field in placed.fields)
             placed.fields[:] = [replace(field, q_end=q_end) for field in placed.fields]
             self.views.append(placed)
+        self.views = with_nearest_depths(self.views)
         self.places = places_of(self.views)
         has_others = sum(len(view.fields) for view in self.views) > 1
         self.notes_hidden = has_others if notes_hidden is None else notes_hidden

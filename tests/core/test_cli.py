@@ -82,6 +82,7 @@ def test_render_hands_every_option_on(calls):
         samples=5,
         surround=32,
         fill=6,
+        budget=6.0,  # the preset's
         resolution=(96, 54),
         frames=(1, 5, 9),
         compare=True,

@@ -169,18 +169,32 @@ def blank(camera: Camera) -> GBuffer:
 
 @given(MANY_VIEWS, THICKNESS)
 @examples(max_examples=30)
-def test_a_view_of_nothing_changes_no_answer(drawn, thickness):
+def test_a_view_that_no_ray_comes_into_changes_no_answer(drawn, thickness):
     views, rng = drawn.make()
     origin, direction = some_rays(*views[0], rng, RAYS)
-    empty = Camera.perspective(9, 7, 1.5, world_from_view=random_pose(rng, rng.normal(size=3)))
-    # As good as turned away: no ray comes as far
     far = Camera.orthographic(9, 7, 5.0, world_from_view=look_at((0.0, 500.0, 0.0), (0.0, 1000.0, 1.0)))
     options = {"thickness": thickness, "max_distance": 100.0}
     found = scene_of(views, **options).answer(origin, direction)
-    for other in (empty, far):
-        assert_same_answers(
-            found, scene_of([*views, (blank(other), other)], **options).answer(origin, direction)
-        )
+    assert_same_answers(found, scene_of([*views, (blank(far), far)], **options).answer(origin, direction))
+
+
+def test_a_view_of_the_sky_alone_sees_rays_go_by():
+    """Rays leave the frame upward; a view from elsewhere, which shows no surface, sees them go on for ever."""
+    camera = Camera.perspective(24, 24, 1.2)
+    wall = Plane((0.0, 0.0, -3.0), (0.0, 0.0, 1.0), bounds=lambda p: p[:, 0] < 0.0)
+    ground = Plane((0.0, -1.0, 0.0), (0.0, 1.0, 0.0))
+    frame = capture(camera, [wall, ground])
+    up = Camera.perspective(64, 64, 2.6, world_from_view=look_at((0.0, -0.9, -4.0), (0.0, 5.0, -4.0)))
+    sky = capture(up, [Plane((0.0, -9.0, 0.0), (0.0, 1.0, 0.0))])
+    assert sky.is_background.all()
+    # From the ground beside the wall's edge
+    origin = np.array([[0.05], [-1.0], [-2.5]]).repeat(5, axis=1)
+    direction = unit(np.stack([np.linspace(0.0, 0.2, 5), np.full(5, 2.0), np.full(5, -0.9)]))
+    alone, found = (
+        TraceScene(frame, camera, views, Settings()).merge(origin, direction) for views in ((), [(sky, up)])
+    )
+    assert not np.isinf(alone.open_until).any()
+    assert np.isinf(found.open_until).all()
 
 
 @given(MANY_VIEWS, THICKNESS, REACH)

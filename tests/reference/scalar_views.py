@@ -79,7 +79,7 @@ def answer_ray(views, home, origin, direction, max_distance=math.inf):
     """Return (status, texel or None, distance) of a ray in the space of the view `home`.
 
     `views` are a scene's, in the order in which their places are asked: each with `camera`, `fields`, front
-    first, and `offsets`, where each field's pixels stand among all texels.
+    first, `offsets`, where each field's pixels stand among all texels, and `nearest_depth`.
     """
     known = Known()
     found = _ask_layers(views[home], lambda one: trace_ray(one, origin, direction, max_distance))
@@ -122,11 +122,7 @@ def _is_one_place(first, second) -> bool:
         apart = abs(sum(float(b) * float(h - t) for b, h, t in zip(back, here, there)))
         return math.dist(back, other_back) <= SAME_PLACE and apart <= SAME_PLACE * width
     apart = math.dist(here, there)
-    return apart <= SAME_PLACE * min(_nearest_depth(first), _nearest_depth(second))
-
-
-def _nearest_depth(view) -> float:
-    return 1.0 / max(1e-30, *(float(one.front.max()) for one in view.fields))
+    return apart <= SAME_PLACE * min(first.nearest_depth, second.nearest_depth)
 
 
 def _visit(known, home, view, origin, direction, begin, max_distance) -> None:
@@ -135,7 +131,7 @@ def _visit(known, home, view, origin, direction, begin, max_distance) -> None:
     origin = [sum(float(m) * float(v) for m, v in zip(row[:3], origin)) + float(row[3]) for row in move[:3]]
     direction = [sum(float(m) * float(v) for m, v in zip(row[:3], direction)) for row in move[:3]]
     # A perspective view is asked from shortly before its camera on, long before its nearest surface
-    near = 0.0 if view.camera.is_orthographic else NEAR * _nearest_depth(view)
+    near = 0.0 if view.camera.is_orthographic else NEAR * view.nearest_depth
     depth, approach = -origin[2] - begin * direction[2], -direction[2]
     if depth < near:
         begin = begin + (near - depth) / approach if approach > 0.0 else math.inf
