@@ -8,6 +8,7 @@ Run from the repository's root: ``python -m benchmarks.summary``. What stands be
 from __future__ import annotations
 
 import re
+import statistics
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -132,6 +133,10 @@ def beyond_frame(record: Record) -> str:
     text = "{} × {}, {} rays a scene, light of the `{}` preset, {} samples of Cycles. {}".format(
         *what["size"], what["rays"], what["preset"], what["samples"], _where(record)
     )
+    biases: dict[str, list[float]] = {name: [] for name in results["overall"]}
+    for score in results["scores"]:
+        if score["light"]["known_bias"] is not None:
+            biases[score["configuration"]].append(abs(score["light"]["known_bias"]))
     head = ("captured", "known", "hits right", "diffuse", "picture", "bias where known")
     rows = [
         (
@@ -140,7 +145,7 @@ def beyond_frame(record: Record) -> str:
             f"{row['hits_right']:.1%}",
             f"{row['diffuse']:.3f}",
             f"{row['picture']:.3f}",
-            "–" if row["known_bias"] is None else f"{row['known_bias']:.1%}",
+            f"{statistics.median(biases[name]):.1%}",
         )
         for name, row in results["overall"].items()
     ]

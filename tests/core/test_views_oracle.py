@@ -179,7 +179,7 @@ def test_a_view_that_no_ray_comes_into_changes_no_answer(drawn, thickness):
 
 
 def test_a_view_of_the_sky_alone_sees_rays_go_by():
-    """Rays leave the frame upward; a view from elsewhere, which shows no surface, sees them go on for ever."""
+    """Rays leave the frame upward; a view from elsewhere, of the sky alone, sees them go on for ever."""
     camera = Camera.perspective(24, 24, 1.2)
     wall = Plane((0.0, 0.0, -3.0), (0.0, 0.0, 1.0), bounds=lambda p: p[:, 0] < 0.0)
     ground = Plane((0.0, -1.0, 0.0), (0.0, 1.0, 0.0))
