@@ -228,6 +228,10 @@ class BeyondTheFrame:
             self.frame = replace(self.frame, notes=(*self.frame.notes, note))
             return
         frame = self.frame
+        if wanted["back faces"] and options.stations and "stations" not in frame.view_names:
+            # What passes behind things then is seen by no view, and guessed at (ADR 13)
+            wanted["back faces"] = False
+            self._leave_out("back faces", "without stations they bring nothing")
         cameras = [camera for _, camera in frame.views] if around else []
         once = self._cost(frame.camera, 1) + sum(self._cost(camera, 1) for camera in cameras)
         lit = self._cost(frame.camera, options.samples)

@@ -174,6 +174,15 @@ def test_frame_of_sky_takes_nothing_more(ball):
 # --- What takes too long ----------------------------------------------------------------------------------
 
 
+def test_back_faces_are_taken_with_stations_only_where_those_were_wanted(room, monkeypatch):
+    monkeypatch.setattr(beyond.LostRays, "stations", lambda self, count: [])
+    options = replace(ALONE, surround=SIDE, back_faces=True)
+    assert capture_frame(room, options).gbuffer.thickness is not None
+    frame = capture_frame(room, replace(options, stations=2))
+    assert frame.gbuffer.thickness is None
+    assert ("back faces", "without stations they bring nothing") in frame.skipped
+
+
 def test_no_budget_leaves_all_out_without_a_look(room):
     frame = capture_frame(room, replace(ALL, budget=0.0))
     assert (frame.views, frame.fill, frame.gbuffer.thickness, frame.gbuffer.behind) == ((), None, None, None)
