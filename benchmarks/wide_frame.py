@@ -16,7 +16,7 @@ from ssgi_addon.frame import CapturedFrame
 from ssgi_addon.passes import read_passes, write_passes
 
 # Goes up where a capture changes: frames that were kept no longer count.
-_VERSION = 1
+_VERSION = 2
 
 
 def wide_frame(name: str, size: Size) -> CapturedFrame:

@@ -4,11 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .core import Camera
+from .core import Camera, GBuffer
 from .core.fill_level import limit_fireflies
 
 FloatArray = NDArray[np.float32]
@@ -41,6 +42,22 @@ def handed_on(layers: Mapping[str, FloatArray], roughness: FloatArray) -> FloatA
     is_surface = (color + gloss).max(axis=-1) > 0.0
     glossy = limit_fireflies(layers["Glossy Direct"] * gloss, is_surface)
     return np.where(is_rough_metal[..., None], glossy, layers["Diffuse Direct"] * _whole(color, gloss))
+
+
+def seen_from_elsewhere(gbuffer: GBuffer) -> GBuffer:
+    """Return a view's G-buffer without the gloss that lamps leave on what it shows.
+
+    Gloss shines toward who looks. What a view from another place than the frame's sees of it is not what the
+    frame's mirrors see: in the inside corners of rough metals, which rays find through such views, it was ten
+    times too bright.
+
+    Parameters
+    ----------
+    gbuffer
+        Of the view; what metals hand on to diffuse rays stays, since that is a mean over all directions.
+    """
+    is_metal = (gbuffer.albedo.max(axis=-1) < _LEAST_DIFFUSE_COLOR) & (gbuffer.specular.max(axis=-1) > 0.0)
+    return replace(gbuffer, glossy_source=np.where(is_metal[..., None], 0.0, gbuffer.diffuse_source))
 
 
 def reflectance(color: FloatArray, gloss: FloatArray, normal_vs: FloatArray, camera: Camera) -> FloatArray:

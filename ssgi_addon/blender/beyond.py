@@ -12,6 +12,7 @@ import bpy
 from ..core import Camera, Settings
 from ..core.stations import LostRays, find_lost_rays
 from ..frame import CapturedFrame
+from ..surface_light import seen_from_elsewhere
 from ..view_cameras import overscan_camera, square_camera, surround_cameras
 from .capture_options import CaptureOptions
 from .engines import Engine
@@ -23,6 +24,8 @@ from .views import borrow_cameras, capture_views
 
 Progress = Callable[[float, str], None]
 
+# Views that do not look from the frame's place.
+_ELSEWHERE = ("stations", "lights")
 # Fewer rays than this share are not worth a render.
 LEAST_LOST = 0.02
 # What a render costs before its first sample, at most, until one has been timed.
@@ -187,6 +190,8 @@ class BeyondTheFrame:
             denoise=self.options.denoise,
             progress=lambda fraction: self.report(0.6 + 0.2 * fraction, name.capitalize()),
         )
+        if name in _ELSEWHERE:
+            views = tuple((seen_from_elsewhere(gbuffer), camera) for gbuffer, camera in views)
         self._spend(name, seconds)
         samples = sum(self._cost(camera, self.options.view_samples, overhead=0.0) for camera in cameras)
         self.render_seconds = max(0.0, seconds - samples) / len(cameras)

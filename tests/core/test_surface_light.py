@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ssgi_addon.core import Camera
-from ssgi_addon.surface_light import handed_on, reflectance
+from ssgi_addon.core import Camera, GBuffer
+from ssgi_addon.surface_light import handed_on, reflectance, seen_from_elsewhere
 from tests.tolerances import REPEATED_SUM
 
 CAMERA = Camera.perspective(8, 6, 0.6)
@@ -76,3 +76,29 @@ def test_nothing_reflects_more_than_all_light(rng):
     found = reflectance(color, gloss, normals(0.7), CAMERA)
     assert found.min() >= 0.0
     assert found.max() <= 1.0 + REPEATED_SUM
+
+
+def test_gloss_of_lamps_is_left_out_of_what_views_from_elsewhere_show_to_mirrors():
+    shape = (1, 4)
+    metal, paint, _, shiny = range(4)  # the third one shines of its own
+    albedo, specular, source, glossy = np.zeros((4, *shape, 3), dtype=np.float32)
+    albedo[0, paint] = albedo[0, shiny] = 0.5
+    specular[0, metal] = specular[0, shiny] = 0.8
+    source[0] = np.array([0.3, 0.2, 5.0, 0.2])[:, None]
+    glossy[0] = np.array([9.0, 0.2, 5.0, 7.0])[:, None]
+    normal = np.broadcast_to(np.float32([0.0, 0.0, 1.0]), (*shape, 3))
+    gbuffer = GBuffer(
+        np.ones(shape),
+        normal,
+        albedo,
+        specular,
+        np.full(shape, 0.3),
+        glossy,
+        source=source,
+        glossy_source=glossy,
+    )
+    found = seen_from_elsewhere(gbuffer)
+    np.testing.assert_array_equal(
+        found.reflection_source[0, :, 0], source[0, :, 0] * np.float32([0, 1, 1, 1])
+    )
+    np.testing.assert_array_equal(found.diffuse_source, gbuffer.diffuse_source)
