@@ -25,7 +25,6 @@ OPTIONS = CaptureOptions(
     frame=3,
     overscan=1.5,
     surround=4,
-    stations=2,
     light_views=1,
     view_size=4,
     view_samples=1,
