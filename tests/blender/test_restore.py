@@ -9,7 +9,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from ssgi_addon.blender import capture, compat, cycles_passes, hidden_surfaces, roughness, views
+from ssgi_addon.blender import beyond, capture, compat, cycles_passes, hidden_surfaces, roughness, views
 from ssgi_addon.blender.build import add_box, new_material, node_tree
 from ssgi_addon.blender.capture import CaptureOptions, capture_frame
 from ssgi_addon.blender.cycles_passes import cycles_engine
@@ -32,6 +32,12 @@ OPTIONS = CaptureOptions(
     behind=True,
     fill=1,
 )
+
+
+@pytest.fixture(autouse=True)
+def _everything_is_needed(monkeypatch):
+    """All that is wanted beyond the frame is captured, whatever its rays lose."""
+    monkeypatch.setattr(beyond, "LEAST_LOST", 0.0)
 
 
 @pytest.fixture(params=["aov", "native"])
