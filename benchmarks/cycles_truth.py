@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmarks.inputs import CACHE, ROOT, SCENES, Size, parse_size, run_module
+from benchmarks.inputs import CACHE, ROOT, SCENES, Size, kept_frame, parse_size, run_module
 from ssgi_addon.core.types import FloatArray
 from ssgi_addon.files import replacing
 from ssgi_addon.frame import CapturedFrame
-from ssgi_addon.passes import read_passes, write_passes
+from ssgi_addon.passes import write_passes
 
 if TYPE_CHECKING:
     import bpy
@@ -76,11 +76,7 @@ def captured_frame(name: str, size: Size) -> CapturedFrame:
     size
         Width and height, pixels.
     """
-    path = frame_path(name, size)
-    # Written last
-    if not path.with_suffix(".json").is_file():
-        run_module("benchmarks.cycles_truth", name, f"{size[0]}x{size[1]}")
-    return read_passes(path)
+    return kept_frame(frame_path(name, size), "benchmarks.cycles_truth", name, f"{size[0]}x{size[1]}")
 
 
 def cycles_truth(name: str, size: Size, samples: int, bounces: int | None = None) -> CyclesTruth:

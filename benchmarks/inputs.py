@@ -69,9 +69,15 @@ def interior(size: Size, name: str | None = None) -> CapturedFrame:
     name
         One of `NAMES`; None means the best that can be had here.
     """
-    path = _path(size, name or best_interior())
+    name = name or best_interior()
+    return kept_frame(_path(size, name), "benchmarks.inputs", f"{size[0]}x{size[1]}", name)
+
+
+def kept_frame(path: Path, module: str, *words: str) -> CapturedFrame:
+    """Return the frame that is kept in a file; where it is not yet, run the module that keeps it."""
+    # Written last
     if not path.with_suffix(".json").is_file():
-        run_module("benchmarks.inputs", f"{size[0]}x{size[1]}", name or best_interior())
+        run_module(module, *words)
     return read_passes(path)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from benchmarks.ray_truth import RayTruth
 from ssgi_addon.core import Camera, tracer
+from ssgi_addon.core.camera import move_between
 from ssgi_addon.core.depth_field import DepthField
 from ssgi_addon.core.places import PlacedView
 from ssgi_addon.core.scene import TraceScene
@@ -137,7 +138,7 @@ class Judgement:
 
         Points and normals (N, 3) are in the space of view 0.
         """
-        move = np.linalg.inv(view.camera.world_from_view) @ self.scene.views[0].camera.world_from_view
+        move = move_between(self.scene.views[0].camera, view.camera)
         moved = true @ move[:3, :3].T + move[:3, 3]
         faces = _faces(view.camera, moved, normal @ move[:3, :3].T)
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -11,9 +11,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from benchmarks.cycles_truth import frame_path, open_scene
-from benchmarks.inputs import Size, parse_size, run_module
+from benchmarks.inputs import Size, kept_frame, parse_size
 from ssgi_addon.frame import CapturedFrame
-from ssgi_addon.passes import read_passes, write_passes
+from ssgi_addon.passes import write_passes
 
 # Goes up where a capture changes: frames that were kept no longer count.
 _VERSION = 2
@@ -29,11 +29,7 @@ def wide_frame(name: str, size: Size) -> CapturedFrame:
     size
         Width and height, pixels.
     """
-    path = _path(name, size)
-    # Written last
-    if not path.with_suffix(".json").is_file():
-        run_module("benchmarks.wide_frame", name, f"{size[0]}x{size[1]}")
-    return read_passes(path)
+    return kept_frame(_path(name, size), "benchmarks.wide_frame", name, f"{size[0]}x{size[1]}")
 
 
 def _path(name: str, size: Size) -> Path:

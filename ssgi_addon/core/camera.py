@@ -169,6 +169,11 @@ def as_pose(matrix: object, shapes: Sequence[tuple[int, int]]) -> FloatArray:
     return pose
 
 
+def move_between(home: Camera, other: Camera) -> FloatArray:
+    """Return the (4, 4) transform from one camera's space to another's."""
+    return np.linalg.inv(other.world_from_view) @ home.world_from_view
+
+
 def _is_number(value: object) -> bool:
     return isinstance(value, (int, float, np.integer, np.floating)) and math.isfinite(value)
 

@@ -14,8 +14,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from . import parallel
-from .camera import Camera
-from .frame_points import surface_points
+from .camera import Camera, move_between
+from .frame_points import move_rays, surface_points
 from .gbuffer import GBuffer
 from .types import BoolArray, FloatArray, IntArray
 
@@ -71,24 +71,17 @@ def carry_over(
     sampled = _Samples(gbuffer, camera, is_strict=is_strict)
     values = [np.zeros((pixel.size, part.shape[1]), dtype=part.dtype) for part in parts]
     is_found = np.zeros(pixel.size, dtype=np.bool_)
-    move = np.linalg.inv(camera.world_from_view) @ target[1].world_from_view
+    move = move_between(target[1], camera)
+    is_moved = not np.array_equal(move, np.eye(4))
 
     def work(slots: IntArray) -> None:
         point, axis = surface_points(*target, pixel.take(slots))
-        is_found[slots] = sampled.read(parts, *_moved(move, point, axis), slots, values)
+        if is_moved:
+            point, axis = move_rays(move, point, axis)
+        is_found[slots] = sampled.read(parts, point, axis, slots, values)
 
     parallel.run_chunks(work, parallel.split(np.arange(pixel.size), parallel.RAYS_PER_TASK // 4), threads)
     return values, is_found
-
-
-def _moved(move: FloatArray, point: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return points and directions (3, N) in another view's space."""
-    if np.array_equal(move, np.eye(4)):
-        return point, axis
-    rows = [[float(value) for value in row] for row in move[:3]]
-    moved = np.stack([r[0] * point[0] + r[1] * point[1] + r[2] * point[2] + r[3] for r in rows])
-    turned = np.stack([r[0] * axis[0] + r[1] * axis[1] + r[2] * axis[2] for r in rows])
-    return moved, turned
 
 
 class _Samples:

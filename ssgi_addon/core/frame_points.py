@@ -28,3 +28,12 @@ def toward_camera(camera: Camera, position_vs: FloatArray) -> FloatArray:
         view[2] = 1.0
         return view
     return -position_vs / np.sqrt((position_vs * position_vs).sum(axis=0))
+
+
+def move_rays(move: FloatArray, point: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return points and directions (3, N) moved by a (4, 4) transform, in their own dtype."""
+    rows = [[float(value) for value in row] for row in move[:3]]
+    (x, y, z), (dx, dy, dz) = point, direction
+    moved = np.stack([r[0] * x + r[1] * y + r[2] * z + r[3] for r in rows])
+    turned = np.stack([r[0] * dx + r[1] * dy + r[2] * dz for r in rows])
+    return moved, turned

@@ -11,9 +11,10 @@ import numpy as np
 
 from . import tracer
 from .answers import TOUCHING, MergedAnswers, Sight, sight_through_layers
-from .camera import Camera
+from .camera import Camera, move_between
 from .depth_field import DepthField
 from .field_stack import FieldStack
+from .frame_points import move_rays
 from .gbuffer import GBuffer
 from .types import BoolArray, FloatArray, IntArray
 
@@ -156,11 +157,6 @@ def places_of(views: Sequence[PlacedView]) -> list[Place]:
     return [Place(views, members) for members in groups]
 
 
-def move_between(home: Camera, other: Camera) -> FloatArray:
-    """Return the (4, 4) transform from one camera's space to another's."""
-    return np.linalg.inv(other.world_from_view) @ home.world_from_view
-
-
 def _is_at(first: PlacedView, second: PlacedView) -> bool:
     one, other = first.camera, second.camera
     if one.is_orthographic != other.is_orthographic:
@@ -244,10 +240,8 @@ class _Stack:
 
 def _visit(view: PlacedView, index: int, rays: OnwardRays, max_distance: float) -> _Visit:
     """Express rays in a view's space, those that come into its sight after they begin."""
-    rows = [[float(value) for value in row] for row in move_between(rays.camera, view.camera)[:3]]
-    (ox, oy, oz), (dx, dy, dz) = rays.origin_vs, rays.direction_vs
-    moved = np.stack([r[0] * ox + r[1] * oy + r[2] * oz + r[3] for r in rows])
-    turned = np.stack([r[0] * dx + r[1] * dy + r[2] * dz for r in rows])
+    move = move_between(rays.camera, view.camera)
+    moved, turned = move_rays(move, rays.origin_vs, rays.direction_vs)
     begin = _in_front_of_camera(view, moved, turned, rays.begin)
     reaching = np.flatnonzero(begin * TOUCHING < max_distance)
     begin, turned = begin.take(reaching), turned.take(reaching, axis=1)

@@ -11,11 +11,11 @@ import numpy as np
 
 from . import parallel, tracer
 from .answers import Answers, MergedAnswers, Sight, only_hits, sight_through_layers
-from .camera import Camera
+from .camera import Camera, move_between
 from .depth_field import MAX_LEVEL, DepthField
 from .environment import Environment
 from .gbuffer import GBuffer
-from .places import OnwardRays, Place, PlacedView, TraceLimits, move_between, places_of, with_nearest_depths
+from .places import OnwardRays, Place, PlacedView, TraceLimits, places_of, with_nearest_depths
 from .settings import Settings
 from .types import FloatArray, IntArray
 

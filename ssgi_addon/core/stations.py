@@ -17,7 +17,7 @@ import numpy as np
 
 from . import tracer
 from .answers import SURELY_BEFORE
-from .camera import Camera
+from .camera import Camera, move_between
 from .frame_points import surface_points, toward_camera
 from .gbuffer import GBuffer
 from .planner import is_colored
@@ -145,7 +145,7 @@ def find_lost_rays(gbuffer: GBuffer, camera: Camera, views: Sequence[View], sett
 def _candidates(scene: TraceScene) -> FloatArray:
     """Return places in the open (3, N), in the frame's view space: on the way to what views show."""
     random = np.random.default_rng(_SEED)
-    pose = np.linalg.inv(scene.views[0].camera.world_from_view)
+    frame = scene.views[0].camera
     found = []
     each = -(-_CANDIDATES // len(scene.views))
     for view in scene.views:
@@ -157,7 +157,7 @@ def _candidates(scene: TraceScene) -> FloatArray:
         row, column = np.divmod(pixel, camera.width)
         depth = gbuffer.depth.reshape(-1).take(pixel) * random.uniform(_NEAREST, _FARTHEST, each)
         place = camera.pixel_to_view(column + 0.5, row + 0.5, depth)
-        move = pose @ camera.world_from_view
+        move = move_between(camera, frame)
         found.append(move[:3, :3] @ place.T + move[:3, 3:])
     return np.concatenate(found, axis=1).astype(scene.dtype)
 
