@@ -19,7 +19,7 @@ from .core.settings import PRESETS, DiffuseSettings, ReflectionSettings
 from .errors import SSGIError
 from .exr import FloatArray, Pixels, read_layers
 from .heatmap import error_map
-from .job_options import BEYOND_FRAME, BUDGETS, DEFAULT_PRESET, ENGINES, JobOptions
+from .job_options import BEYOND_FRAME, DEFAULT_PRESET, ENGINES, JobOptions
 from .passes import remembered_settings
 from .png import write_png
 from .progress import Progress
@@ -199,8 +199,8 @@ def _render(arguments: argparse.Namespace, progress: Progress) -> None:
     require_bpy()
     from .blender.job import run_job
 
-    given.setdefault("budget", BUDGETS[arguments.preset or DEFAULT_PRESET])
-    options = JobOptions(settings=_settings(arguments), **given)
+    given["settings"] = _settings(arguments)
+    options = JobOptions.preset(arguments.preset or DEFAULT_PRESET, **given)
     report = run_job(arguments.scene, options, progress)
     progress.close()
     for frame in report["frames"]:

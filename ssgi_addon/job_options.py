@@ -5,13 +5,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from .core import Settings
 from .core.settings import option
 
 DEFAULT_PRESET = "balanced"
-# Time for views beyond the frame, as a multiple of that of the direct light.
-BUDGETS = {"draft": 0.5, "balanced": 1.5, "final": 6.0}
+# What presets set beside the settings of the passes: what is rendered. The budget is the time for views
+# beyond the frame, as a multiple of that of the direct light.
+RENDERED: dict[str, dict[str, Any]] = {
+    "draft": {"budget": 0.5},
+    "balanced": {"budget": 1.5},
+    "final": {"budget": 6.0},
+}
 # What is captured beyond the frame, in the order of the panel.
 BEYOND_FRAME = (
     "budget", "fill", "surround", "overscan", "stations", "light_views", "back_faces", "behind",
@@ -64,7 +70,7 @@ class JobOptions:
         True, "Denoise the direct light, where this Blender has a denoiser", label="Denoise"
     )
     budget: float = option(
-        BUDGETS[DEFAULT_PRESET],
+        RENDERED[DEFAULT_PRESET]["budget"],
         "Most time for all that is captured beyond the frame, as a multiple of the time of the direct light. "
         "What rays would gain most by comes first, what they do not need is left out, and the report says "
         "why. Presets set it",
@@ -159,3 +165,24 @@ class JobOptions:
         max=_MOST_SAMPLES,
         soft_max=4096,
     )
+
+    @classmethod
+    def preset(cls, name: str, output: Path, **changes: Any) -> JobOptions:
+        """Return the options of a point between speed and accuracy.
+
+        Parameters
+        ----------
+        name
+            As in `Settings.preset`.
+        output
+            Folder for the results.
+        **changes
+            Options that the preset does not decide.
+
+        Raises
+        ------
+        ValueError
+            If there is no such preset.
+        """
+        settings = Settings.preset(name)
+        return cls(**{"output": output, "settings": settings, **RENDERED[name], **changes})

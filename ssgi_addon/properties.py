@@ -13,7 +13,7 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from .core.settings import PRESETS, DiffuseSettings, ReflectionSettings, Settings
-from .job_options import BUDGETS, DEFAULT_PRESET, ENGINE_LABELS, ENGINES, JobOptions
+from .job_options import DEFAULT_PRESET, ENGINE_LABELS, ENGINES, RENDERED, JobOptions
 
 # A Blender property has no "none" and no infinity; 0 stands for both, and its help says so.
 OPEN_ENDED = {None: "0 uses as many as there are", math.inf: "0 is without limit"}
@@ -117,7 +117,8 @@ def _flat(settings: Any, prefix: tuple[str, ...] = ()) -> dict[tuple[str, ...], 
 
 def _follow_preset(group: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
     apply_preset(group, group.preset)
-    group.budget = BUDGETS[group.preset]
+    for name, value in RENDERED[group.preset].items():
+        setattr(group, name, value)
 
 
 class SSGI_PG_diffuse(bpy.types.PropertyGroup):

@@ -164,32 +164,14 @@ def _render_one(
     scene: bpy.types.Scene, frame: int, options: JobOptions, progress: Progress, kept: KeptWorld | None
 ) -> FrameResult:
     """Run the whole job on one frame; the order of the steps is that of the data flow."""
-    seconds: dict[str, float] = {}
     share = 0.5 if options.compare else 1.0
     stem = _stem(frame)
     begun = time.perf_counter()
-    captured = capture_frame(
-        scene,
-        CaptureOptions(
-            engine=options.engine,
-            samples=options.samples,
-            denoise=options.denoise,
-            resolution=options.resolution,
-            frame=frame,
-            view_samples=VIEW_SAMPLES,
-            **_beyond(options),
-        ),
-        _part(progress, 0.0, 0.5 * share),
-        kept,
-    )
-    seconds["capture"] = time.perf_counter() - begun
-    computing = time.perf_counter()
-    picture = compute_picture(captured, options.settings, _part(progress, 0.5 * share, 0.45 * share))
-    seconds["passes"] = time.perf_counter() - computing
+    picture, seconds = make_picture(scene, options, frame, _part(progress, 0.0, 0.95 * share), kept)
     writing = time.perf_counter()
     progress(0.96 * share, "Writing")
     if options.save_passes:
-        write_passes(captured, options.output / "passes", stem, options.settings)
+        write_passes(picture.frame, options.output / "passes", stem, options.settings)
     exr_path, png_path = options.output / f"{stem}.exr", options.output / f"{stem}.png"
     write_display_png(scene, picture.combined, png_path)
     write_picture(picture, exr_path)
@@ -202,6 +184,60 @@ def _render_one(
         sheet_path = compare_with_cycles(scene, picture, record, options, stem, rest)
     progress(1.0, "Done")
     return FrameResult(exr_path, png_path, sheet_path, record)
+
+
+def make_picture(
+    scene: bpy.types.Scene,
+    options: JobOptions,
+    frame: int | None = None,
+    progress: Progress | None = None,
+    kept: KeptWorld | None = None,
+) -> tuple[Picture, dict[str, float]]:
+    """Capture a frame and compute its indirect light; nothing is written.
+
+    Parameters
+    ----------
+    scene
+        Open; exactly as before afterwards, also after an error.
+    options
+        What to render; where to write does not matter here.
+    frame
+        Frame number; None means the current one.
+    progress
+        Called with a fraction and a text; may raise to stop.
+    kept
+        As in `capture_frame`.
+
+    Returns
+    -------
+    picture
+        The result.
+    seconds
+        Wall time of the capture and of the passes.
+
+    Raises
+    ------
+    SSGIError
+        If the scene cannot be captured.
+    """
+    begun = time.perf_counter()
+    captured = capture_frame(
+        scene,
+        CaptureOptions(
+            engine=options.engine,
+            samples=options.samples,
+            denoise=options.denoise,
+            resolution=options.resolution,
+            frame=frame,
+            view_samples=VIEW_SAMPLES,
+            **_beyond(options),
+        ),
+        _part(progress, 0.0, 0.5),
+        kept,
+    )
+    computing = time.perf_counter()
+    picture = compute_picture(captured, options.settings, _part(progress, 0.5, 0.5))
+    return picture, {"capture": computing - begun, "passes": time.perf_counter() - computing}
 
 
 def _beyond(options: JobOptions) -> dict[str, Any]:

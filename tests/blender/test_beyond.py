@@ -19,7 +19,7 @@ from ssgi_addon.blender.build import add_ball, add_camera, new_material, new_wor
 from ssgi_addon.blender.capture import CaptureOptions, capture_frame
 from ssgi_addon.cli import main
 from ssgi_addon.errors import SSGIError
-from ssgi_addon.job_options import BEYOND_FRAME, BUDGETS, JobOptions
+from ssgi_addon.job_options import BEYOND_FRAME, RENDERED, JobOptions
 from tests.blender.fingerprint import changes, fingerprint
 from tests.blender.opengl import needs_opengl
 from tests.scenes import BLACK, WHITE, build_closed_room, new_scene
@@ -271,9 +271,9 @@ def test_without_flags_the_capture_takes_the_defaults(asked_for, tmp_path):
         assert getattr(options, name) == getattr(default, name), name
 
 
-@pytest.mark.parametrize("preset", BUDGETS)
+@pytest.mark.parametrize("preset", RENDERED)
 def test_preset_sets_the_budget(asked_for, preset):
-    assert asked_for("--preset", preset).budget == BUDGETS[preset]
+    assert asked_for("--preset", preset).budget == RENDERED[preset]["budget"]
 
 
 @pytest.mark.parametrize("line", ["--budget -1", "--fill -1", "--overscan 0.5", "--stations 1.5"])

@@ -7,7 +7,7 @@ import dataclasses
 
 import pytest
 
-from ssgi_addon.job_options import BEYOND_FRAME, BUDGETS, CYCLES_ONLY, JobOptions
+from ssgi_addon.job_options import BEYOND_FRAME, CYCLES_ONLY, RENDERED, JobOptions
 from tests.core.settings_pages import DOCS, section_of, table_row, text_of
 
 TEXT = text_of("beyond_the_frame.md")
@@ -40,7 +40,7 @@ def test_sections_and_rows_follow_the_panel():
 
 def test_budgets_of_presets_are_as_stated():
     stated = " ".join(section_of(TEXT, "budget").split()).split("The presets set it:")[1]
-    expected = ", ".join(f"{value:g} (`{name}`)" for name, value in BUDGETS.items())
+    expected = ", ".join(f"{value['budget']:g} (`{name}`)" for name, value in RENDERED.items())
     assert stated.split(". Each")[0].strip() == expected
 
 
