@@ -55,7 +55,7 @@ def borrow_scene(
     if engine_id == CYCLES:
         cycles_engine()
     layer = _find_view_layer(scene, view_layer)
-    restorer.callback(_update_render_layers_nodes, scene)
+    restorer.callback(_update_render_layers_nodes, layer)
     if frame is not None:
         _go_to_frame(restorer, scene, frame)
     check_camera(scene)
@@ -158,9 +158,9 @@ def _refuse_more_than_a_tile(size: tuple[int, int]) -> None:
         )
 
 
-def _update_render_layers_nodes(scene: bpy.types.Scene) -> None:
+def _update_render_layers_nodes(view_layer: bpy.types.ViewLayer) -> None:
     """Make the compositor show the passes of undone settings; its links would stay marked invalid."""
-    scene.render.engine = scene.render.engine
+    view_layer.update_render_passes()
 
 
 def _find_view_layer(scene: bpy.types.Scene, name: str | None) -> bpy.types.ViewLayer:
