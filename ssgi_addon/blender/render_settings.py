@@ -13,6 +13,11 @@ from .restore import Restorer
 
 # Cycles hands its passes over in memory only if one tile holds the frame, and its tiles end here.
 LARGEST_TILE_PX = 8192
+# What OpenImageDenoise cleans with: the filter's quality, and whether albedo and normals are cleaned before.
+_DENOISERS = {
+    "fast": {"denoising_quality": "FAST", "denoising_prefilter": "NONE"},
+    "accurate": {"denoising_quality": "HIGH", "denoising_prefilter": "ACCURATE"},
+}
 _SMALLEST_RESOLUTION_PX = 4  # of Blender's resolution property
 
 
@@ -132,13 +137,14 @@ def borrow_pixel_centers(restorer: Restorer, scene: bpy.types.Scene) -> None:
 
 
 def borrow_denoiser(
-    restorer: Restorer, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, wanted: bool
+    restorer: Restorer, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, denoiser: str
 ) -> bool:
-    """Switch Cycles' denoiser on or off; return whether it will run, since some builds have none."""
-    denoises = wanted and compat.has_denoiser(scene)
+    """Switch Cycles' denoiser off ("none") or on; return whether it will run, since some builds have none."""
+    denoises = denoiser != "none" and compat.has_denoiser(scene)
     restorer.change(scene.cycles, use_denoising=denoises)
     if denoises:
         restorer.change(view_layer.cycles, use_denoising=True)
+        restorer.change(scene.cycles, **_DENOISERS[denoiser])
     return denoises
 
 
