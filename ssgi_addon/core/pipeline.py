@@ -184,7 +184,12 @@ class _Run:
         if not kinds:
             return
         lights = [
-            (self.images[name].reshape(-1, 3).take(pixel, axis=0), pixel, getattr(fill, name))
+            (
+                self.images[name].reshape(-1, 3).take(pixel, axis=0),
+                self.images[f"known_{name}"].reshape(-1).take(pixel),
+                pixel,
+                getattr(fill, name),
+            )
             for name, pixel in kinds.items()
         ]
         frame = self.gbuffer, self.camera
