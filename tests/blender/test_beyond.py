@@ -39,7 +39,7 @@ VIEWS = {"surround": 6, "overscan": 1, "stations": 2, "lights": 1}
 ALL = replace(ALONE, **{name: value for switch in SWITCHES.values() for name, value in switch.items()})
 # Seconds, where the clock is not the wall's: of the frame's light, and of a small view by the first estimate.
 LIGHT = 1.0
-VIEW = 0.25 + LIGHT * SIDE**2 / (WIDTH * HEIGHT)
+VIEW = 0.05 + LIGHT * SIDE**2 / (WIDTH * HEIGHT)
 
 
 @pytest.fixture
