@@ -76,7 +76,7 @@ class Bench:
             frame, pictures, alone = self.scene(name, CASES[case].configuration)
             light, took = self.traced(case, tuple(on_light.items()), name, seed)
             with applied(changes):
-                levelled = _levelled(frame, light, settings_of(case, changes, seed))
+                levelled = levelled_light(frame, light, settings_of(case, changes, seed))
             seconds += took
             for kind, of in (("frame", light), ("fill", levelled)):
                 error = relmse_without_noise(composite(frame.gbuffer, of), pictures, np.ones_like(alone[0]))
@@ -104,7 +104,7 @@ class Bench:
         return light, time.perf_counter() - start
 
 
-def _levelled(frame: CapturedFrame, light: IndirectLight, settings: Any) -> IndirectLight:
+def levelled_light(frame: CapturedFrame, light: IndirectLight, settings: Any) -> IndirectLight:
     """Return light at the level of the frame's fill, as `render_indirect` does, without a second trace."""
     plan = plan_passes(frame.gbuffer, settings, frame.environment)
     pixels = {"diffuse": plan.diffuse, "glossy": plan.reflections}
@@ -183,6 +183,8 @@ class Search:
         if case not in self.noise:
             self.noise[case] = seed_noise(self.bench, case, self.tuning)
             print(f"{case}: seeds differ by {self.noise[case]:.2%}", flush=True)
+        if not values:
+            return False
         before, seconds = self.bench.errors(case, self.taken, self.tuning, SEEDS[0])
         tried: list[tuple[float, Any]] = []
         for value in values:
@@ -268,17 +270,29 @@ def main() -> None:
     arguments = parser.parse_args()
     tuning, held_out = halves()
     search = Search(Bench(arguments.size, arguments.samples), tuning, held_out)
-    around = [name for name in arguments.parameters if search.turn(name, PARAMETERS[name].others(), 1)]
+    verified: list[dict[str, Any]] = []
+
+    def store() -> None:
+        """Keep what there is: the search takes half an hour."""
+        if arguments.output:
+            parameters = {"size": arguments.size, "samples": arguments.samples, "seeds": SEEDS}
+            parameters |= {"tuning": tuning, "held_out": held_out}
+            results = {"noise": search.noise, "taken": search.taken, "points": search.points}
+            record.store(arguments.output, parameters, results | {"verified": verified})
+
+    around = []
+    for name in arguments.parameters:
+        if search.turn(name, PARAMETERS[name].others(), 1):
+            around.append(name)
+        store()
     for name in around:
         value = search.taken.get(name, best_value(search.points, name))
         search.turn(name, PARAMETERS[name].around(value), 2)
-    verified = list(verify(search, arguments.cases if search.taken else ()))
+    store()
+    for found in verify(search, arguments.cases if search.taken else ()):
+        verified.append(found)
     print("taken:", search.taken or "nothing")
-    if arguments.output:
-        parameters = {"size": arguments.size, "samples": arguments.samples, "seeds": SEEDS}
-        parameters |= {"tuning": tuning, "held_out": held_out}
-        results = {"noise": search.noise, "taken": search.taken, "points": search.points}
-        record.store(arguments.output, parameters, {**results, "verified": verified})
+    store()
 
 
 def best_value(points: Sequence[Mapping[str, Any]], name: str) -> Any:
