@@ -64,7 +64,7 @@ class Parameter:
     case
         Which light it is judged by.
     is_of_fill
-        It acts where light is brought to the level of a fill, nowhere else.
+        It acts where light is brought to the level of a fill, nowhere else; others do not count.
     """
 
     name: str

@@ -75,9 +75,10 @@ class Bench:
         for name in scenes:
             frame, pictures, alone = self.scene(name, CASES[case].configuration)
             light, took = self.traced(case, tuple(on_light.items()), name, seed)
+            start = time.perf_counter()
             with applied(changes):
                 levelled = levelled_light(frame, light, settings_of(case, changes, seed))
-            seconds += took
+            seconds += took + time.perf_counter() - start
             for kind, of in (("frame", light), ("fill", levelled)):
                 error = relmse_without_noise(composite(frame.gbuffer, of), pictures, np.ones_like(alone[0]))
                 found[name, kind] = max(error / alone[1], _LEAST)
@@ -154,20 +155,6 @@ def gain_and_worst(before: Errors, after: Errors) -> tuple[float, float]:
     return gain, max(after[key] / before[key] for key in before) - 1.0
 
 
-def over_seeds(
-    bench: Bench, case: str, changes: Changes, scenes: Sequence[str], seeds: Iterable[int] = SEEDS
-) -> Errors:
-    """Return the means of the errors over seeds."""
-    found = [bench.errors(case, changes, scenes, seed)[0] for seed in seeds]
-    return {key: float(np.mean([errors[key] for errors in found])) for key in found[0]}
-
-
-def seed_noise(bench: Bench, case: str, scenes: Sequence[str]) -> float:
-    """Return how far apart the seeds' means lie, relative."""
-    means = [geometric_mean(list(bench.errors(case, {}, scenes, seed)[0].values())) for seed in SEEDS]
-    return max(means) / min(means) - 1.0
-
-
 class Search:
     """The coordinate search: what was taken so far, and all points that were looked at."""
 
@@ -179,38 +166,57 @@ class Search:
 
     def turn(self, name: str, values: Sequence[Any], number: int) -> bool:
         """Try values of one parameter in a pass; return whether looking around them is worth it."""
-        case = PARAMETERS[name].case
-        if case not in self.noise:
-            self.noise[case] = seed_noise(self.bench, case, self.tuning)
-            print(f"{case}: seeds differ by {self.noise[case]:.2%}", flush=True)
         if not values:
             return False
-        before, seconds = self.bench.errors(case, self.taken, self.tuning, SEEDS[0])
+        noise = self._seed_noise(name)
+        before, seconds = self._errors(name, self.taken, self.tuning)
         tried: list[tuple[float, Any]] = []
         for value in values:
-            after, took = self.bench.errors(case, self.taken | {name: value}, self.tuning, SEEDS[0])
+            after, took = self._errors(name, self.taken | {name: value}, self.tuning)
             verdict = Verdict(*gain_and_worst(before, after), took / seconds)
             tried.append((verdict.gain if verdict.worst <= MOST_LOSS else -1.0, value))
             self._note(name, value, number, verdict, after, is_taken=False)
         best_gain, best = max(tried, key=lambda one: one[0])
-        if best_gain >= max(LEAST_GAIN, self.noise[case]):
+        if best_gain >= max(LEAST_GAIN, noise):
             self._check(name, best, number)
         return best_gain >= _PROMISING
 
     def _check(self, name: str, value: Any, number: int) -> None:
         """Take a value if all seeds and the other half agree."""
-        case, changed = PARAMETERS[name].case, self.taken | {name: value}
         before, after = (
-            [over_seeds(self.bench, case, changes, scenes) for scenes in (self.tuning, self.held_out)]
-            for changes in (self.taken, changed)
+            [self._over_seeds(name, changes, scenes) for scenes in (self.tuning, self.held_out)]
+            for changes in (self.taken, self.taken | {name: value})
         )
         gain, held_out = (gain_and_worst(*pair) for pair in zip(before, after))
-        slower = self.points[-1]["slower"]
+        slower = next(one["slower"] for one in reversed(self.points) if one["value"] == value)
         verdict = Verdict(*gain, slower, *held_out)
-        is_taken = verdict.is_taken(self.noise[case])
+        is_taken = verdict.is_taken(self._seed_noise(name))
         self._note(name, value, number, verdict, after[0] | after[1], is_taken=is_taken)
         if is_taken:
             self.taken[name] = value
+
+    def _errors(
+        self, name: str, changes: Changes, scenes: Sequence[str], seed: int = SEEDS[0]
+    ) -> tuple[Errors, float]:
+        """Return the errors of the pictures that a parameter acts on, and the seconds."""
+        parameter = PARAMETERS[name]
+        found, seconds = self.bench.errors(parameter.case, changes, scenes, seed)
+        return {key: of for key, of in found.items() if key[1] == "fill" or not parameter.is_of_fill}, seconds
+
+    def _over_seeds(self, name: str, changes: Changes, scenes: Sequence[str]) -> Errors:
+        """Return the means of the errors over seeds."""
+        found = [self._errors(name, changes, scenes, seed)[0] for seed in SEEDS]
+        return {key: float(np.mean([errors[key] for errors in found])) for key in found[0]}
+
+    def _seed_noise(self, name: str) -> float:
+        """Return how far apart the means of the seeds lie, relative, before any change."""
+        case = PARAMETERS[name].case + (", fill" if PARAMETERS[name].is_of_fill else "")
+        if case not in self.noise:
+            found = [self._errors(name, {}, self.tuning, seed)[0] for seed in SEEDS]
+            means = [geometric_mean(list(errors.values())) for errors in found]
+            self.noise[case] = max(means) / min(means) - 1.0
+            print(f"{case}: seeds differ by {self.noise[case]:.2%}", flush=True)
+        return self.noise[case]
 
     def _note(
         self, name: str, value: Any, number: int, verdict: Verdict, errors: Errors, *, is_taken: bool

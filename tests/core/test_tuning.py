@@ -94,7 +94,7 @@ def test_search_takes_what_the_held_out_half_confirms(monkeypatch, held_out, tak
     def errors(self, case, changes, scenes, seed):
         is_changed = changes.get("thickness", Settings().thickness) == 0.2
         factor = {"tuned": 0.9, "held": held_out}
-        return {(name, "frame"): factor[name] if is_changed else 1.0 for name in scenes}, 1.0
+        return {(name, "fill"): factor[name] if is_changed else 1.0 for name in scenes}, 1.0
 
     monkeypatch.setattr(Bench, "errors", errors)
     search = Search(Bench((8, 8), 1), ["tuned"], ["held"])
