@@ -96,19 +96,17 @@ class Parameter:
         known = sorted({*self.values, self.present()})
         at = known.index(value)
         # A step beyond the last is as long as the one before it
-        before = known[at - 1] if at else value
+        before = known[at - 1] if at else 2 * value - known[1]
         after = known[at + 1] if at + 1 < len(known) else 2 * value - before
-        found = {_between(before, value), _between(value, after)}
-        if after not in known:
-            found.add(after)
-        return sorted(found - set(known))
+        found = {before, _between(before, value), _between(value, after), after}
+        return sorted(number for number in found - set(known) if number > 0)
 
 
 def _between(low: Any, high: Any) -> Any:
     """Return the number halfway: whole between whole ones, else the geometric mean where there is one."""
     if isinstance(low, int) and isinstance(high, int):
         return (low + high) // 2
-    return round((low * high) ** 0.5 if low > 0.0 else 0.5 * high, 4)
+    return round((low * high) ** 0.5 if low > 0.0 else 0.5 * (low + high), 4)
 
 
 def _constant(owner: Any, name: str, *values: Any, **rest: Any) -> Parameter:
@@ -150,7 +148,7 @@ PARAMETERS = {
         _constant(carry, "_REACH", 1, 2, 3, is_of_fill=True),
         _constant(carry, "_PLANE_WIDTH", 0.5, 1.0, 2.0, 4.0, is_of_fill=True),
         _constant(carry, "_NORMAL_SQUARINGS", 2, 3, 4, 5, 6, is_of_fill=True),
-        _constant(carry, "_NEAR", 2.0, 4.0, 8.0, is_of_fill=True),
+        _constant(carry, "_NEAR", 2.0, 4.0, 8.0, 16.0, is_of_fill=True),
         _constant(fill_level, "_BRIGHTEST", 2.0, 3.0, 4.0, 6.0, 8.0, is_of_fill=True),
         _constant(fill_level, "_MEDIAN_RADIUS", 1, 2, 3, is_of_fill=True),
         _constant(fill_level, "_LEVELS", 1, 2, 3, 4, is_of_fill=True),

@@ -293,7 +293,9 @@ def main() -> None:
         store()
     for name in around:
         value = search.taken.get(name, best_value(search.points, name))
-        search.turn(name, PARAMETERS[name].around(value), 2)
+        # Beside what else was taken it may be worth more than alone
+        again = [] if name in search.taken else [value]
+        search.turn(name, again + PARAMETERS[name].around(value), 2)
     store()
     for found in verify(search, arguments.cases if search.taken else ()):
         verified.append(found)
