@@ -201,10 +201,11 @@ def tuning(record: Record) -> str:
         (row["case"], row["half"], *(f"{row[name]:+.1%}" for name in ("gain", "worst")))
         for row in results["verified"]
     ]
-    head = ("parameter", "now", "tried: gain (worst picture)", "gain held out", "taken")
+    head = ("parameter", "now", "tried: gain (worst picture)", "gain held out", "passes")
     parts = [text, _table(head, rows)]
+    changes = ", ".join(f"`{name}` = {value}" for name, value in results["taken"].items())
     if together:
-        parts.append("All that was taken, together:")
+        parts.append(f"Together, {changes}, on both halves:")
         parts.append(_table(("light", "half", "gain", "worst picture"), together))
     return "\n\n".join(parts)
 
