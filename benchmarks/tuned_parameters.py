@@ -149,8 +149,9 @@ PARAMETERS = {
         _constant(carry, "_PLANE_WIDTH", 0.5, 1.0, 2.0, 4.0, is_of_fill=True),
         _constant(carry, "_NORMAL_SQUARINGS", 2, 3, 4, 5, 6, is_of_fill=True),
         _constant(carry, "_NEAR", 2.0, 4.0, 8.0, 16.0, is_of_fill=True),
-        _constant(fill_level, "_BRIGHTEST", 2.0, 3.0, 4.0, 6.0, 8.0, is_of_fill=True),
-        _constant(fill_level, "_MEDIAN_RADIUS", 1, 2, 3, is_of_fill=True),
+        _constant(fill_level, "_BRIGHTEST", 4.0, 8.0, 16.0, is_of_fill=True),
+        _constant(fill_level, "_UNKNOWN_ERROR", 1.0, 2.0, 3.0, 6.0, is_of_fill=True),
+        _constant(fill_level, "_LEAST_ERROR", 0.06, 0.13, 0.25, is_of_fill=True),
         _constant(fill_level, "_LEVELS", 1, 2, 3, 4, is_of_fill=True),
         # Nothing but `final` has as many rays: as if no number were many, and as if any were
         _constant(bounces, "_MANY_RAYS", 16, 64, case="final"),

@@ -110,7 +110,12 @@ def levelled_light(frame: CapturedFrame, light: IndirectLight, settings: Any) ->
     plan = plan_passes(frame.gbuffer, settings, frame.environment)
     pixels = {"diffuse": plan.diffuse, "glossy": plan.reflections}
     lights = [
-        (getattr(light, kind).reshape(-1, 3).take(pixel, axis=0), pixel, getattr(frame.fill, kind))
+        (
+            getattr(light, kind).reshape(-1, 3).take(pixel, axis=0),
+            getattr(light, f"known_{kind}").reshape(-1).take(pixel),
+            pixel,
+            getattr(frame.fill, kind),
+        )
         for kind, pixel in pixels.items()
     ]
     images = {kind: getattr(light, kind).copy() for kind in pixels}

@@ -209,7 +209,7 @@ def test_budget_for_five_faces_takes_no_surround(room, steady_clock):
 
 
 def test_small_budget_goes_to_the_fill(room, steady_clock):
-    frame = capture_frame(room, replace(ALL, budget=0.6))
+    frame = capture_frame(room, replace(ALL, budget=0.44))
     assert frame.fill is not None
     assert frame.views == ()
     assert what_is_skipped(frame) == ["surround, overscan", "stations, lights, back faces, behind"]
