@@ -32,7 +32,8 @@ from benchmarks.tuned_parameters import CASES, PARAMETERS, Changes, applied, set
 from benchmarks.variants import geometric_mean, relmse_without_noise
 from benchmarks.wide_frame import wide_frame
 from ssgi_addon.core import IndirectLight, composite, render_indirect
-from ssgi_addon.core.fill_level import set_level
+from ssgi_addon.core.fill_level import Answered, set_level
+from ssgi_addon.core.pipeline import lobe_passes
 from ssgi_addon.core.planner import plan_passes
 from ssgi_addon.core.types import FloatArray
 from ssgi_addon.frame import CapturedFrame
@@ -110,11 +111,12 @@ def levelled_light(frame: CapturedFrame, light: IndirectLight, settings: Any) ->
     plan = plan_passes(frame.gbuffer, settings, frame.environment)
     pixels = {"diffuse": plan.diffuse, "glossy": plan.reflections}
     lights = [
-        (
+        Answered(
             getattr(light, kind).reshape(-1, 3).take(pixel, axis=0),
             getattr(light, f"known_{kind}").reshape(-1).take(pixel),
             pixel,
             getattr(frame.fill, kind),
+            *([lobe_passes(frame.gbuffer, pixel)] if kind == "glossy" else []),
         )
         for kind, pixel in pixels.items()
     ]

@@ -9,8 +9,11 @@ light wrong: the level lies between the two, nearer to the one whose error is sm
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .camera import Camera
 from .carry import carry_over
@@ -31,8 +34,34 @@ _BRIGHTEST = 8.0
 _UNKNOWN_ERROR, _LEAST_ERROR = 3.0, 0.13
 
 
+@dataclass(frozen=True, eq=False)
+class Answered:
+    """One kind of light as rays brought it to P pixels of the frame.
+
+    Attributes
+    ----------
+    light : (P, 3)
+        Unknown directions brought nothing or a guess.
+    known : (P,)
+        Fraction of the rays that were answered.
+    pixel : (P,)
+        Flat indices.
+    traced : (h, w, 3)
+        The fill's light of that kind.
+    passes : (P,) or a number
+        Most passes of the filter: over how wide a part of a surface the light is alike. Mirrors show something
+        else in every pixel.
+    """
+
+    light: FloatArray
+    known: FloatArray
+    pixel: IntArray
+    traced: FloatArray
+    passes: NDArray[np.integer[Any]] | int = _LEVELS + 1
+
+
 def set_level(
-    lights: Sequence[tuple[FloatArray, FloatArray, IntArray, FloatArray]],
+    lights: Sequence[Answered],
     frame: tuple[GBuffer, Camera],
     fill: Fill,
     threads: int | None,
@@ -42,9 +71,7 @@ def set_level(
     Parameters
     ----------
     lights
-        Of each kind (P, 3), what rays brought to some pixels of the frame, unknown directions nothing or a
-        guess; the known fraction of these rays (P,); the flat indices of the pixels (P,); and the fill's
-        light of that kind (h, w, 3).
+        Of each kind.
     frame
         Its G-buffer and camera.
     fill
@@ -52,51 +79,44 @@ def set_level(
     threads
         Worker threads.
     """
-    moves = [_moves(*light, frame, fill, threads) for light in lights]
+    moves = [_moves(answered, frame, fill, threads) for answered in lights]
     # Weights are the same for all kinds of light
     is_lit = np.zeros(frame[0].depth.size, dtype=np.bool_)
-    for _, _, pixel, _ in lights:
-        is_lit[pixel] = True
+    for answered in lights:
+        is_lit[answered.pixel] = True
     everywhere = np.flatnonzero(is_lit)
     slots = np.cumsum(is_lit) - 1
     carried, _ = carry_over(moves, (fill.surfaces, fill.camera), frame, everywhere, threads)
     levelled = []
-    for (light, _, pixel, _), found in zip(lights, carried, strict=True):
-        found = found.take(slots.take(pixel), axis=0)
+    for answered, found in zip(lights, carried, strict=True):
+        found = found.take(slots.take(answered.pixel), axis=0)
         # Pixels of the fill that the frame does not see are no part of the mean
         found *= 1.0 / np.maximum(found[:, 6:], 1e-6)
-        levelled.append(light * (1.0 - found[:, 3:6]) + found[:, :3])
+        levelled.append(answered.light * (1.0 - found[:, 3:6]) + found[:, :3])
     return levelled
 
 
-def _moves(
-    light: FloatArray,
-    known: FloatArray,
-    pixel: IntArray,
-    traced: FloatArray,
-    frame: tuple[GBuffer, Camera],
-    fill: Fill,
-    threads: int | None,
-) -> FloatArray:
+def _moves(answered: Answered, frame: tuple[GBuffer, Camera], fill: Fill, threads: int | None) -> FloatArray:
     """Return how light has to move at the fill's pixels (h * w, 7).
 
     What has to be added, by which share of itself light that is too bright is lowered (a sum would leave
     black spots where the rays' detail is dark), and 1 where that is known.
     """
-    image = np.zeros((fill.depth.size, 7), dtype=light.dtype)
-    texel, answered, share = _answered(light, known, pixel, frame, fill, threads)
+    image = np.zeros((fill.depth.size, 7), dtype=answered.light.dtype)
+    texel, level, share, passes = _at_fill(answered, frame, fill, threads)
     if texel.size:
-        raw = traced.reshape(-1, 3).take(texel, axis=0)
+        raw = answered.traced.reshape(-1, 3).take(texel, axis=0)
         samples = np.asarray(fill.samples).reshape(-1).take(texel)
         levels = _LEVELS + int(samples.min() < _FEW_SAMPLES)
+        passes = np.minimum(passes, levels)
 
         def smooth(parts: list[FloatArray]) -> list[FloatArray]:
             nothing = np.zeros_like(raw[:, 0])
             return filter_light(
-                fill.surfaces, fill.camera, texel, parts, nothing, levels, threads, geometric_levels=levels
+                fill.surfaces, fill.camera, texel, parts, nothing, passes, threads, geometric_levels=levels
             )
 
-        mean, level, share = smooth([raw, answered, share])
+        mean, level, share = smooth([raw, level, share])
         (mean,) = smooth([_without_fireflies(raw, mean)])
         target = level + (mean - level) * _trust(samples, share[:, 0])[:, None]
         image[texel, :3] = np.maximum(target - level, 0.0)
@@ -112,24 +132,21 @@ def _trust(samples: FloatArray, known: FloatArray) -> FloatArray:
     return weight / (1.0 + weight)
 
 
-def _answered(
-    light: FloatArray,
-    known: FloatArray,
-    pixel: IntArray,
-    frame: tuple[GBuffer, Camera],
-    fill: Fill,
-    threads: int | None,
-) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Return the fill's pixels (T,) that the frame sees, its light there (T, 3), and how much is known."""
+def _at_fill(
+    answered: Answered, frame: tuple[GBuffer, Camera], fill: Fill, threads: int | None
+) -> tuple[IntArray, FloatArray, FloatArray, NDArray[np.int8]]:
+    """Return the fill's pixels (T,) that the frame sees, with light (T, 3), known share (T, 1) and passes."""
     texel = np.flatnonzero(~fill.surfaces.is_background)
     # Pixels without rays are no part of the mean
-    image = np.zeros((frame[0].depth.size, 5), dtype=light.dtype)
-    image[pixel, :3], image[pixel, 3], image[pixel, 4] = light, known, 1.0
+    image = np.zeros((frame[0].depth.size, 6), dtype=answered.light.dtype)
+    pixel = answered.pixel
+    image[pixel, :3], image[pixel, 3] = answered.light, answered.known
+    image[pixel, 4], image[pixel, 5] = answered.passes, 1.0
     (found,), _ = carry_over([image], frame, (fill.surfaces, fill.camera), texel, threads)
-    seen = np.flatnonzero(found[:, 4] > 0.0)
+    seen = np.flatnonzero(found[:, 5] > 0.0)
     found = found.take(seen, axis=0)
-    found[:, :4] /= found[:, 4:]
-    return texel.take(seen), found[:, :3], found[:, 3:4]
+    found[:, :5] /= found[:, 5:]
+    return texel.take(seen), found[:, :3], found[:, 3:4], np.rint(found[:, 4]).astype(np.int8)
 
 
 def _without_fireflies(light: FloatArray, around: FloatArray) -> FloatArray:

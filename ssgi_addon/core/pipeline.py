@@ -16,7 +16,7 @@ from .camera import Camera
 from .denoise import filter_light
 from .environment import Environment
 from .fill import Fill
-from .fill_level import set_level
+from .fill_level import Answered, set_level
 from .gbuffer import GBuffer
 from .light import IndirectLight, fill_unknown, luminance
 from .planner import plan_passes
@@ -186,11 +186,12 @@ class _Run:
         if not kinds:
             return
         lights = [
-            (
+            Answered(
                 self.images[name].reshape(-1, 3).take(pixel, axis=0),
                 self.images[f"known_{name}"].reshape(-1).take(pixel),
                 pixel,
                 getattr(fill, name),
+                lobe_passes(self.gbuffer, pixel) if name == "glossy" else len(_LOBE_STEPS),
             )
             for name, pixel in kinds.items()
         ]
@@ -220,7 +221,7 @@ class _Run:
         is at the distance of what it reflects, seen from as far as the mirror image is.
         """
         roughness = self.gbuffer.roughness.reshape(-1).take(pixels)
-        levels = np.searchsorted(_LOBE_STEPS, roughness, side="right")
+        levels = lobe_passes(self.gbuffer, pixels)
         if self.settings.reflections.contact_hardening:
             with np.errstate(invalid="ignore"):
                 depth = self.gbuffer.depth.reshape(-1).take(pixels)
@@ -246,6 +247,11 @@ class _Run:
             seconds=dict(self.seconds),
             rays=dict(self.rays),
         )
+
+
+def lobe_passes(gbuffer: GBuffer, pixel: IntArray) -> NDArray[np.int64]:
+    """Return how many passes of the filter the lobes of pixels (P,) are wide, 0 for mirrors."""
+    return np.searchsorted(_LOBE_STEPS, gbuffer.roughness.reshape(-1).take(pixel), side="right")
 
 
 @dataclass

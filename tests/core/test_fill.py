@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ssgi_addon.core import Camera, Fill, GBuffer, IndirectLight, render_indirect
-from ssgi_addon.core.fill_level import set_level
+from ssgi_addon.core.fill_level import Answered, set_level
 from ssgi_addon.surface_light import limit_fireflies
 from tests.core.synthetic import Plane, capture, look_at, make_settings, random_gbuffer, uniform_gbuffer
 from tests.tolerances import (
@@ -56,7 +56,7 @@ def filled(light: float | np.ndarray, gbuffer: GBuffer, camera: Camera, fill: Fi
     answered = np.broadcast_to(np.float32(light), (*gbuffer.shape, 3)).reshape(-1, 3)[pixel]
     image = np.zeros((gbuffer.depth.size, 3), dtype=np.float32)
     (image[pixel],) = set_level(
-        [(answered, np.full(pixel.size, known, np.float32), pixel, fill.diffuse)],
+        [Answered(answered, np.full(pixel.size, known, np.float32), pixel, fill.diffuse)],
         (gbuffer, camera),
         fill,
         threads,
@@ -166,6 +166,19 @@ def test_more_samples_count_more(corner):
     fills = [fill_of([FLOOR, WALL], camera_of(SMALL), diffuse=1.0, samples=count) for count in (1, 4, 16)]
     levels = [filled(0.5, gbuffer, camera, fill, known=0.9).max() for fill in fills]
     assert 0.5 < levels[0] < levels[1] < levels[2] < 1.0
+
+
+def test_mirrors_show_every_pixel_of_a_fill(corner):
+    """A fill that alternates from pixel to pixel: rough surfaces take the mean, mirrors what is there."""
+    gbuffer, camera = corner
+    checker = 1.0 + np.indices(SMALL[::-1]).sum(axis=0)[..., None] % 2
+    fill = fill_of([FLOOR, WALL], camera_of(SMALL), glossy=checker)
+    pixel = np.flatnonzero(~gbuffer.is_background)
+    nothing = np.zeros((pixel.size, 3), dtype=np.float32)
+    answered = Answered(nothing, nothing[:, 0], pixel, fill.glossy)
+    rough, sharp = set_level([answered, replace(answered, passes=0)], (gbuffer, camera), fill, 1)
+    assert sharp.std() > 2.0 * rough.std()
+    np.testing.assert_allclose(sharp.mean(), 1.5, rtol=SPARSE_LEVEL)
 
 
 def test_one_firefly_lights_nothing_up(corner):
@@ -386,5 +399,5 @@ def test_pixels_of_a_fill_without_light_of_rays_are_no_part_of_the_level():
     pixel = np.arange(gbuffer.depth.size)[::2]
     light = np.ones((pixel.size, 3), dtype=np.float32)
     known = np.zeros(pixel.size, dtype=np.float32)
-    (found,) = set_level([(light, known, pixel, fill.diffuse)], (gbuffer, camera), fill, 1)
+    (found,) = set_level([Answered(light, known, pixel, fill.diffuse)], (gbuffer, camera), fill, 1)
     np.testing.assert_allclose(found, 1.0, rtol=FILTER_RELATIVE)
