@@ -121,6 +121,14 @@ class ReflectionSettings:
         "Trace rough surfaces at half the resolution: their reflections are wide",
         label="Fewer Rays on Rough Surfaces",
     )
+    roughness_cutoff: float = option(
+        1.0,
+        "Surfaces rougher than this trace no reflection rays and take their diffuse light as glossy light, "
+        "which is nearly the same where a lobe is as wide as the hemisphere. 1 traces them all",
+        label="Roughness Cutoff",
+        min=0.0,
+        max=1.0,
+    )
     reuse: int = option(
         4,
         "Neighbouring pixels whose rays each pixel takes too, weighted by its own lobe",
