@@ -349,3 +349,9 @@ LIGHT_VIEW_SHADOW = 0.03
 # A lamp's irradiance as that of a point against Cycles, straight below it, relative: noise of 64 samples, and
 # the lamp's size (measured: at most 0.02).
 LAMP_IRRADIANCE = 0.1
+# Bias of adaptive rays on the floor before a lit wall, relative, at a threshold of 0.1, and the share of the
+# rays that are left
+ADAPTIVE_BIAS = 0.02
+ADAPTIVE_RAYS_LEFT = 0.9
+# Rays of a pixel where the light is uneven per ray of one where it is even
+NOISY_HALF_RAYS = 2.0

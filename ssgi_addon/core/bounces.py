@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from . import parallel
+from .adaptive import is_adaptive, sample_adaptively
 from .bright_sky import BrightSky, light_from_bright_sky
 from .denoise import GEOMETRIC_LEVELS, filter_light
 from .diffuse import DiffuseSamples, sample_hemispheres
@@ -143,7 +144,12 @@ class DiffusePass:
         pixel: IntArray,
         advance: parallel.Advance | None = None,
     ) -> DiffuseSamples:
-        samples = sample_hemispheres(self.scene, home, source, self.environment, settings, pixel, advance)
+        given = (source, self.environment, settings, pixel, advance)
+        samples: DiffuseSamples
+        if home == 0 and is_adaptive(settings):
+            samples = sample_adaptively(self.scene, *given)
+        else:
+            samples = sample_hemispheres(self.scene, home, *given)
         self.samples[home] = samples
         return samples
 

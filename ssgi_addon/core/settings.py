@@ -206,6 +206,15 @@ class DiffuseSettings:
         soft_max=128,
         methods=("hemisphere", "ssao"),
     )
+    adaptive: float = option(
+        0.0,
+        "Error of a pixel's light, as a fraction of the picture, below which it takes no more rays: each has "
+        "4, and then as many more as it needs, up to all. 0 traces all of them",
+        label="Adaptive",
+        min=0.0,
+        soft_max=1.0,
+        methods=("hemisphere",),
+    )
     traced: bool = option(
         True,
         "Follow the hemisphere's directions to what they meet; otherwise test one point along each, as "
