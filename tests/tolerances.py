@@ -349,9 +349,10 @@ LIGHT_VIEW_SHADOW = 0.03
 # A lamp's irradiance as that of a point against Cycles, straight below it, relative: noise of 64 samples, and
 # the lamp's size (measured: at most 0.02).
 LAMP_IRRADIANCE = 0.1
-# Bias of adaptive rays on the floor before a lit wall, relative, at a threshold of 0.1, and the share of the
-# rays that are left
-ADAPTIVE_BIAS = 0.02
-ADAPTIVE_RAYS_LEFT = 0.9
-# Rays of a pixel where the light is uneven per ray of one where it is even
+# Light of a wall on the floor before it by rays in rounds, at a threshold of 0.8: its bias, relative
+# (measured: -0.002; by all rays 0.001), and the share of the rays that is traced (measured: 0.30).
+ADAPTIVE_BIAS = 0.01
+ADAPTIVE_RAYS_LEFT = 0.5
+# Rays of a pixel in the half of a frame where light is uneven, per ray of one in the even half, whose nearest
+# pixels go by the other half's noise (measured: 2.7).
 NOISY_HALF_RAYS = 2.0

@@ -3,18 +3,18 @@
 
 After Rousselle, Knaus and Zwicker 2011, "Adaptive Sampling and Reconstruction using Greedy Error
 Minimization", in its plainest form: rays go on where the estimated error of the mean, relative to the
-picture, is above a threshold. The variance of a few rays misses what they missed, and to stop where the own
-rays happen to agree darkens the mean; so the variance is that of all pixels around.
+picture, is above a threshold. The variance of a few rays misses what they missed, and to stop where rays
+happen to agree darkens the mean; so the variance is that of thousands of rays around a pixel, not of its own.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from . import parallel
-from .denoise import local_mean
 from .diffuse import HemisphereRays, has_rays
 from .environment import Environment
 from .gbuffer import GBuffer
@@ -25,6 +25,9 @@ from .types import BoolArray, FloatArray, IntArray
 
 # Rays that every pixel takes first; each round after it doubles those of the pixels that go on.
 FIRST_ROUND = 4
+# Pixels to each side whose rays tell the variance. Measured on two interiors at a threshold of 0.2: all light
+# is 3.5 and 1.9 % too dark by 3 pixels, 0.8 and 0.5 % by 8, 0.2 and 0.3 % by 24.
+_REACH = 24
 # Dark pixels are judged by this share of the picture's mean luminance.
 _DARK_SHARE = 0.1
 
@@ -34,7 +37,7 @@ def round_slices(rays: int) -> list[slice]:
     ends = [0, min(FIRST_ROUND, rays)]
     while ends[-1] < rays:
         ends.append(min(2 * ends[-1], rays))
-    return [slice(begin, end) for begin, end in zip(ends[:-1], ends[1:], strict=True)]
+    return [slice(begin, end) for begin, end in pairwise(ends)]
 
 
 def is_adaptive(settings: Settings) -> bool:
@@ -75,6 +78,11 @@ class AdaptiveSamples:
     def count(self) -> int:
         """Mean of the rays per pixel, rounded down."""
         return self.traced // max(self.pixel.size, 1)
+
+    @property
+    def most_own(self) -> int:
+        """As in `DiffuseSamples`: where rays are few, they were found to be enough."""
+        return int(self.taken.max(initial=0))
 
     def gather(self, handed_on: FloatArray, threads: int | None) -> FloatArray:
         """As `DiffuseSamples.gather`."""
@@ -236,10 +244,10 @@ def is_noisy(frame: GBuffer, pixel: IntArray, sums: _Sums, threshold: float) -> 
 
     def around(values: FloatArray) -> FloatArray:
         """Return the mean (P,) of the pixels around that have values."""
-        image, weight = np.zeros((2, *frame.shape), dtype=values.dtype)
+        image, weight = np.zeros((2, *frame.shape))
         image.reshape(-1)[pixel], weight.reshape(-1)[pixel] = values, 1.0
-        total, number = local_mean(image).reshape(-1).take(pixel), local_mean(weight).reshape(-1).take(pixel)
-        mean: FloatArray = total / number
+        total, number = (_square_sums(part).reshape(-1).take(pixel) for part in (image, weight))
+        mean: FloatArray = (np.maximum(total, 0.0) / np.rint(number)).astype(values.dtype)
         return mean
 
     color = luminance(frame.albedo).reshape(-1).take(pixel)
@@ -247,5 +255,17 @@ def is_noisy(frame: GBuffer, pixel: IntArray, sums: _Sums, threshold: float) -> 
     variance = around(sums.spread() * (count / (count - 1.0)))
     picture = luminance(frame.direct).reshape(-1).take(pixel) + color * around(sums.first / count)
     dark = _DARK_SHARE * float(picture.mean(dtype=np.float64))
-    noisy: BoolArray = color * np.sqrt(variance / count) > threshold * np.sqrt(picture * picture + dark * dark)
+    scale = np.sqrt(picture * picture + dark * dark)
+    noisy: BoolArray = color * np.sqrt(variance / count) > threshold * scale
     return noisy
+
+
+def _square_sums(image: FloatArray) -> FloatArray:
+    """Return the sums (H, W) over squares of ``2 * _REACH + 1`` pixels, by differences of running sums."""
+    for axis in (0, 1):
+        # One more before, so that a difference is the sum of what lies between
+        padding = [(_REACH + 1, _REACH) if axis == other else (0, 0) for other in (0, 1)]
+        until = np.moveaxis(np.cumsum(np.pad(image, padding), axis=axis), axis, 0)
+        side = 2 * _REACH + 1
+        image = np.moveaxis(until[side:] - until[:-side], 0, axis)
+    return image

@@ -57,9 +57,7 @@ def geometric_levels(samples: DiffuseSamples) -> int:
     The more rays of its own a pixel has, the better their spread tells noise from an edge: at contacts, whose
     shadows are narrow, luminance then keeps what geometry cannot see (ADR 3).
     """
-    rays = samples.traced // max(samples.pixel.size, 1)
-    if rays != samples.count:
-        return GEOMETRIC_LEVELS  # the spread is that of neighbours
+    rays = samples.most_own
     return GEOMETRIC_LEVELS - int(rays >= _SOME_RAYS) - int(rays >= _MANY_RAYS)
 
 

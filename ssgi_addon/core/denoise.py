@@ -139,7 +139,9 @@ class _Guide:
     is_orthographic: bool
 
     @classmethod
-    def of(cls, gbuffer: GBuffer, camera: Camera, layout: PlaneLayout, takes_part: NDArray[np.bool_]) -> _Guide:
+    def of(
+        cls, gbuffer: GBuffer, camera: Camera, layout: PlaneLayout, takes_part: NDArray[np.bool_]
+    ) -> _Guide:
         """Return the guide of a frame; without a normal nothing is alike, so what takes no part has none."""
         rows, columns = layout.box
         depth = gbuffer.depth[layout.box]

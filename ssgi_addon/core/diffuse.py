@@ -43,6 +43,8 @@ class DiffuseSamples(Protocol):
         Samples per pixel.
     traced
         Rays that were traced for them.
+    most_own
+        Rays of its own that a pixel's variance is that of, at most; 0 where it is that of its neighbours.
     brings_light
         False for methods that tell visibility alone.
     """
@@ -63,6 +65,8 @@ class DiffuseSamples(Protocol):
     def count(self) -> int: ...
     @property
     def traced(self) -> int: ...
+    @property
+    def most_own(self) -> int: ...
     @property
     def brings_light(self) -> bool: ...
 
@@ -89,6 +93,11 @@ class HemisphereSamples:
     def count(self) -> int:
         """Rays per pixel."""
         return int(self.hit.shape[0])
+
+    @property
+    def most_own(self) -> int:
+        """As in `DiffuseSamples`; none for directions that are not followed."""
+        return self.count if self.traced else 0
 
     def gather(self, handed_on: FloatArray, threads: int | None) -> FloatArray:
         """As `DiffuseSamples.gather`."""
@@ -205,13 +214,14 @@ class HemisphereRays:
             answers = scene.answer(origin.reshape(3, -1), direction.reshape(3, -1), home, threads, advance)
         else:
             answers = points.test_points(scene, home, origin, direction, pixel, settings)
-        is_lit = answers.brings_environment(settings.unknown)
-        return cls(direction, *(part.reshape(rays, -1) for part in (answers.status, answers.texel, is_lit)))
+        shape = (rays, pixel.size)
+        is_lit = answers.brings_environment(settings.unknown).reshape(shape)
+        return cls(direction, answers.status.reshape(shape), answers.texel.reshape(shape), is_lit)
 
     def light(
         self, where: slice, source: FloatArray, environment: Environment | None
     ) -> tuple[FloatArray, FloatArray | None]:
-        """Return what rays of a run of pixels bring (rays, N, 3), by hits and from the environment, if any."""
+        """Return what rays of a run of pixels bring (rays, N, 3): by hits, and from the environment."""
         bounce = source.take(self.texel[:, where], axis=0)
         if environment is None:
             return bounce, None

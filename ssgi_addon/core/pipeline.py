@@ -180,11 +180,11 @@ class _Run:
     def _keep_rough(self) -> None:
         """Let surfaces that are too rough for rays of their own have their diffuse light as glossy light."""
         pixels = self.plan.rough
-        if pixels.size:
-            for name, source, elsewhere in (("glossy", "diffuse", 0.0), ("known_glossy", "known_diffuse", 1.0)):
-                image = self.images[source]
-                values = image.reshape(-1, *image.shape[2:]).take(pixels, axis=0)
-                self._keep(name, pixels, values, elsewhere)
+        if not pixels.size:
+            return
+        diffuse, known = self.images["diffuse"], self.images["known_diffuse"]
+        self._keep("glossy", pixels, diffuse.reshape(-1, 3).take(pixels, axis=0))
+        self._keep("known_glossy", pixels, known.reshape(-1).take(pixels), elsewhere=1.0)
 
     def fill_in(self, fill: Fill) -> None:
         """Bring diffuse and glossy light to the level of a fill."""

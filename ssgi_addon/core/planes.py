@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Images as flat planes with a margin of nothing around them: a neighbour is the same array some places on."""
+"""Images as flat planes with a margin of nothing: a neighbour is the same array some places on."""
 
 from __future__ import annotations
 
@@ -68,9 +68,12 @@ class PlaneLayout:
 
 def box_around(is_inside: BoolArray, reach: int = 0) -> Box:
     """Return the rows and columns of an image (H, W) that hold what is inside, and `reach` pixels around."""
-    found = (np.flatnonzero(is_inside.any(axis=axis)) for axis in (1, 0))
-    rows, columns = (
-        slice(max(0, int(there[0]) - reach), min(size, int(there[-1]) + 1 + reach)) if there.size else slice(0, 0)
-        for there, size in zip(found, is_inside.shape, strict=True)
-    )
+    rows, columns = (_run_of(is_inside.any(axis=axis), reach) for axis in (1, 0))
     return rows, columns
+
+
+def _run_of(is_inside: BoolArray, reach: int) -> slice:
+    there = np.flatnonzero(is_inside)
+    if not there.size:
+        return slice(0, 0)
+    return slice(max(0, int(there[0]) - reach), min(is_inside.size, int(there[-1]) + 1 + reach))

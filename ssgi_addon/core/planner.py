@@ -89,9 +89,7 @@ def plan_passes(gbuffer: GBuffer, settings: Settings, environment: Environment |
     return Plan(diffuse, reflections, rough, tuple(skipped), bright_sky)
 
 
-def _is_rough(
-    gbuffer: GBuffer, settings: Settings, is_diffuse: BoolArray, is_glossy: BoolArray
-) -> BoolArray:
+def _is_rough(gbuffer: GBuffer, settings: Settings, is_diffuse: BoolArray, is_glossy: BoolArray) -> BoolArray:
     """Return where (H, W) diffuse light stands for glossy light; where there is none, rays stay."""
     cutoff = settings.reflections.roughness_cutoff
     if cutoff >= 1.0 or settings.diffuse.method == "ssao":

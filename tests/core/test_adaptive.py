@@ -13,13 +13,15 @@ from ssgi_addon.core.adaptive import FIRST_ROUND, round_slices, sample_adaptivel
 from ssgi_addon.core.diffuse import HemisphereRays, sample_hemispheres
 from ssgi_addon.core.sampling import sample_square
 from ssgi_addon.core.scene import TraceScene
-from tests.core.synthetic import Plane, Sphere, capture, look_at, make_settings, random_gbuffer
+from tests.core.synthetic import Plane, Sphere, capture, make_settings, random_gbuffer
 from tests.core.test_closed_forms import corner, errors
 from tests.tolerances import ADAPTIVE_BIAS, ADAPTIVE_RAYS_LEFT, NOISY_HALF_RAYS
 
 SIZE = (40, 30)
 CAMERA = Camera.perspective(*SIZE, 1.1)
 IMAGES = ("diffuse", "visibility", "known_diffuse", "environment_diffuse")
+# Of the error, relative to the picture: so loose that even light needs no second round
+THRESHOLD = 0.4
 PIXELS = np.arange(SIZE[0] * SIZE[1])
 
 
@@ -29,7 +31,15 @@ def settings(threshold: float, rays: int = 10, **options) -> Settings:
 
 
 def skies(rng) -> list[Environment | None]:
-    return [None, Environment.constant((1.0, 0.5, 0.2)), Environment.equirectangular(rng.random((4, 8, 3)), np.eye(4))]
+    return [
+        None,
+        Environment.constant((1.0, 0.5, 0.2)),
+        Environment.equirectangular(rng.random((4, 8, 3)), np.eye(4)),
+    ]
+
+
+def all_noisy(frame, pixel, sums, threshold) -> np.ndarray:
+    return np.ones(pixel.size, dtype=np.bool_)
 
 
 def assert_same(found, expected) -> None:
@@ -38,11 +48,12 @@ def assert_same(found, expected) -> None:
 
 
 def half_lit():
-    """A floor under a wide dark sky; at the right stands what is bright, and there the light is uneven."""
-    camera = Camera.perspective(64, 48, 1.0, world_from_view=look_at((0.0, 4.0, 4.0), (0.0, 0.0, 0.0)))
-    floor = Plane((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), albedo=0.5)
-    balls = [Sphere((1.6, 0.35, z), 0.3, source=20.0) for z in (-1.2, 0.0, 1.2)]
-    return capture(camera, [floor, *balls]), camera
+    """Two walls that face the camera; bright balls stand before the farther one, behind the nearer one."""
+    camera = Camera.perspective(160, 96, 1.0)
+    near = Plane((0.0, 0.0, -4.0), (0.0, 0.0, 1.0), albedo=0.5, bounds=lambda p: p[:, 0] < 0.0)
+    far = Plane((0.0, 0.0, -8.0), (0.0, 0.0, 1.0), albedo=0.5)
+    balls = [Sphere((2.0, y, -7.2), 0.3, source=20.0) for y in (-1.5, 0.0, 1.5)]
+    return capture(camera, [near, far, *balls]), camera
 
 
 def test_a_pixels_points_are_the_same_however_many_are_drawn():
@@ -62,7 +73,7 @@ def test_rounds_take_every_ray_once(rays, ends):
 
 @pytest.mark.parametrize("unknown", ["environment", "nothing", "mean"])
 def test_all_rounds_are_the_light_without_rounds(unknown, rng, monkeypatch):
-    monkeypatch.setattr(adaptive, "is_noisy", lambda frame, pixel, sums, threshold: np.ones(pixel.size, np.bool_))
+    monkeypatch.setattr(adaptive, "is_noisy", all_noisy)
     frame = random_gbuffer(rng, SIZE[::-1])
     for sky in skies(rng):
         for threads in (1, 2):
@@ -74,7 +85,7 @@ def test_all_rounds_are_the_light_without_rounds(unknown, rng, monkeypatch):
 
 
 def test_variance_and_rays_of_all_rounds_are_those_without(rng, monkeypatch):
-    monkeypatch.setattr(adaptive, "is_noisy", lambda frame, pixel, sums, threshold: np.ones(pixel.size, np.bool_))
+    monkeypatch.setattr(adaptive, "is_noisy", all_noisy)
     frame = random_gbuffer(rng, SIZE[::-1], sky=0.0)
     scene = TraceScene(frame, CAMERA, (), settings(1.0))
     source = scene.table("diffuse_source")
@@ -87,7 +98,7 @@ def test_variance_and_rays_of_all_rounds_are_those_without(rng, monkeypatch):
 
 def test_threads_and_chunks_do_not_change_a_bit(rng, monkeypatch):
     frame, camera = half_lit()
-    options = settings(0.2, rays=32, threads=1, filter=True)
+    options = settings(THRESHOLD, rays=32, threads=1, filter=True)
     light = render_indirect(frame, camera, options)
     assert FIRST_ROUND < light.rays["diffuse"] / frame.depth.size < 32
     monkeypatch.setattr(parallel, "RAYS_PER_TASK", 500)
@@ -125,7 +136,7 @@ def test_an_endless_threshold_is_the_first_round(rng):
 def test_most_rays_go_where_the_light_is_uneven():
     frame, camera = half_lit()
     pixel = np.flatnonzero(frame.albedo[..., 0] > 0.0)
-    options = settings(0.2, rays=32)
+    options = settings(THRESHOLD, rays=32)
     scene = TraceScene(frame, camera, (), options)
     samples = sample_adaptively(scene, scene.table("diffuse_source"), None, options, pixel)
     is_right = pixel % camera.width >= camera.width // 2
@@ -140,7 +151,7 @@ def test_rounds_bias_a_closed_form_little():
     preset = Settings.preset("final")
     preset = replace(
         preset,
-        diffuse=replace(preset.diffuse, adaptive=0.1, bounces=1, filter=False),
+        diffuse=replace(preset.diffuse, adaptive=0.8, bounces=1, filter=False),
         reflections=replace(preset.reflections, enabled=False),
     )
     light = render_indirect(frame, camera, preset)
