@@ -10,6 +10,7 @@ import numpy as np
 from .bright_sky import BrightSky
 from .environment import Environment
 from .gbuffer import GBuffer
+from .light import luminance
 from .settings import Settings
 from .types import BoolArray, IntArray
 
@@ -90,11 +91,16 @@ def plan_passes(gbuffer: GBuffer, settings: Settings, environment: Environment |
 
 
 def _is_rough(gbuffer: GBuffer, settings: Settings, is_diffuse: BoolArray, is_glossy: BoolArray) -> BoolArray:
-    """Return where (H, W) diffuse light stands for glossy light; where there is none, rays stay."""
+    """Return where (H, W) diffuse light stands for glossy light.
+
+    Rays stay where there is no diffuse light, and on rough metals: what is near to the truth on paint, where
+    gloss is a small part of the picture, is far from it where gloss is all of it.
+    """
     cutoff = settings.reflections.roughness_cutoff
     if cutoff >= 1.0 or settings.diffuse.method == "ssao":
         return np.zeros_like(is_glossy)
     rough: BoolArray = (gbuffer.roughness > cutoff) & is_glossy & is_diffuse
+    rough &= luminance(gbuffer.specular) <= luminance(gbuffer.albedo)
     return rough
 
 

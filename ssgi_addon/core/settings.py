@@ -123,8 +123,8 @@ class ReflectionSettings:
     )
     roughness_cutoff: float = option(
         1.0,
-        "Surfaces rougher than this trace no reflection rays and take their diffuse light as glossy light, "
-        "which is nearly the same where a lobe is as wide as the hemisphere. 1 traces them all",
+        "Surfaces rougher than this, except metals, trace no reflection rays and take their diffuse light "
+        "as glossy light: their lobes are nearly as wide as the hemisphere. 1 traces them all",
         label="Roughness Cutoff",
         min=0.0,
         max=1.0,

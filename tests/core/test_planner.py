@@ -164,9 +164,9 @@ def test_a_wholly_rough_frame_does_not_enter_the_reflections(monkeypatch):
     assert reasons(light)["reflections"] == "rougher than the cutoff: they take the diffuse light"
 
 
-@pytest.mark.parametrize("change", [{"diffuse": False}, {"albedo": 0.0}])
-def test_rough_surfaces_without_diffuse_light_keep_their_rays(change):
-    passes = {name: value for name, value in change.items() if name == "albedo"}
+@pytest.mark.parametrize("change", [{"diffuse": False}, {"albedo": 0.0}, {"albedo": 0.2, "specular": 0.8}])
+def test_rough_metals_and_surfaces_without_diffuse_light_keep_their_rays(change):
+    passes = {name: value for name, value in change.items() if name != "diffuse"}
     options = settings(glossy={"roughness_cutoff": 0.2}, diffuse=change.get("diffuse", True))
     light = render_indirect(uniform_gbuffer(SHAPE, **passes), WALL, options, WHITE)
     assert light.rays["reflections"] == 2 * SHAPE[0] * SHAPE[1]
