@@ -15,6 +15,7 @@ from ssgi_addon.core.sampling import sample_square
 from ssgi_addon.core.scene import TraceScene
 from tests.core.synthetic import Plane, Sphere, capture, make_settings, random_gbuffer
 from tests.core.test_closed_forms import corner, errors
+from tests.core.test_pipeline import side_view
 from tests.tolerances import ADAPTIVE_BIAS, ADAPTIVE_RAYS_LEFT, NOISY_HALF_RAYS
 
 SIZE = (40, 30)
@@ -82,6 +83,14 @@ def test_all_rounds_are_the_light_without_rounds(unknown, rng, monkeypatch):
             rounds = render_indirect(frame, CAMERA, settings(1.0, **options), sky)
             assert_same(rounds, once)
             assert rounds.rays == once.rays
+
+
+def test_further_views_and_their_bounces_are_the_same(rng, monkeypatch):
+    monkeypatch.setattr(adaptive, "is_noisy", all_noisy)
+    frame, views = random_gbuffer(rng, SIZE[::-1]), [side_view()]
+    once, rounds = (render_indirect(frame, CAMERA, settings(value), None, views) for value in (0.0, 1.0))
+    assert_same(rounds, once)
+    assert rounds.rays == once.rays
 
 
 def test_variance_and_rays_of_all_rounds_are_those_without(rng, monkeypatch):
