@@ -27,12 +27,15 @@ class Panel:
         ``"difference"`` for how far the two panels before it are apart.
     max_steps
         As in `Settings`.
+    has_diffuse
+        Add the diffuse light, too.
     """
 
     title: str
     options: Mapping[str, Any] = field(default_factory=dict)
     kind: str = "ours"
     max_steps: int | None = None
+    has_diffuse: bool = False
 
 
 @dataclass(frozen=True)
@@ -87,6 +90,16 @@ PICTURES = (
     _switch("rays", "strips", _ROUGH_STRIPS, (1, 4, 64), **_BARE),
     _switch("resolution", "room", (40, 120, 200, 240), ("full", "half", "quarter"), filter=False),
     _switch("roughness_tiers", "strips", _ROUGH_STRIPS, (False, True), True, filter=False),
+    Picture(
+        "roughness_cutoff", "varnished strips", _ROUGH_STRIPS,
+        (
+            *(
+                Panel(f"roughness_cutoff {_shown(value)}", {"roughness_cutoff": value}, has_diffuse=True)
+                for value in (1.0, 0.4)
+            ),
+            Panel(f"difference x {DIFFERENCE_GAIN}", kind="difference"),
+        ),
+    ),
     _switch("reuse", "strips", (130, 125, 290, 225), (0, 4, 24), rays=1, color_pyramid=False, filter=False),
     _switch(
         "color_pyramid", "checks", (205, 140, 365, 240), (False, True), True, rays=1, reuse=0, filter=False

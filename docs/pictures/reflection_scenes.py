@@ -29,14 +29,14 @@ _RED, _GREEN, _BLUE = (0.75, 0.09, 0.05), (0.10, 0.50, 0.16), (0.07, 0.20, 0.65)
 _YELLOW, _WHITE, _ORANGE = (0.80, 0.58, 0.07), (0.85, 0.85, 0.85), (0.80, 0.28, 0.04)
 
 
-def build_strips() -> bpy.types.Scene:
+def build_strips(metallic: float = 1.0) -> bpy.types.Scene:
     """A metal floor in strips of growing roughness, a coloured post at the end of each, before a wall."""
     scene = _new_scene("Strips")
     left = -0.5 * len(STRIPS) * _STRIP_WIDTH
     colors = (_RED, _GREEN, _YELLOW, _BLUE, _ORANGE, _WHITE)
     for number, (roughness, color) in enumerate(zip(STRIPS, colors, strict=True)):
         x = left + number * _STRIP_WIDTH
-        metal = new_material(f"Roughness {roughness}", _METAL, roughness=roughness, metallic=1.0)
+        metal = new_material(f"Roughness {roughness}", _METAL, roughness=roughness, metallic=metallic)
         add_box(scene, "Strip", metal, (x, -4.0, -0.1), (x + _STRIP_WIDTH, 2.0, 0.0))
         paint = _paint(f"Post {number}", color)
         middle = x + 0.5 * _STRIP_WIDTH
@@ -46,6 +46,11 @@ def build_strips() -> bpy.types.Scene:
     _light(scene, (3.5, -3.0, 3.2), (0.0, 1.4, 0.5), 250.0)
     add_camera(scene, (0.0, -4.3, 1.15), (0.0, 0.6, 0.42), lens=30.0)
     return scene
+
+
+def build_varnished_strips() -> bpy.types.Scene:
+    """The same strips of paint beneath a clear varnish."""
+    return build_strips(metallic=0.0)
 
 
 def build_night_road() -> bpy.types.Scene:

@@ -27,6 +27,7 @@ from docs.pictures.reflection_scenes import (
     build_night_road,
     build_room,
     build_strips,
+    build_varnished_strips,
 )
 from ssgi_addon.blender.capture import CaptureOptions, capture_frame
 from ssgi_addon.blender.display import to_display
@@ -43,6 +44,7 @@ SIZE = (400, 240)
 _REFERENCE_SAMPLES = 128
 _BUILDERS: dict[str, Callable[[], bpy.types.Scene]] = {
     "strips": build_strips,
+    "varnished strips": build_varnished_strips,
     "road": build_night_road,
     "room": build_room,
     "checks": build_checks,
@@ -87,7 +89,7 @@ class Stage:
         settings = Settings(
             reflections=replace(ReflectionSettings(), **panel.options), max_steps=panel.max_steps
         )
-        settings = replace(settings, diffuse=replace(settings.diffuse, enabled=False))
+        settings = replace(settings, diffuse=replace(settings.diffuse, enabled=panel.has_diffuse))
         light = render_indirect(self.frame.gbuffer, self.frame.camera, settings)
         return composite(self.frame.gbuffer, light)
 

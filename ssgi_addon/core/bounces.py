@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from . import parallel
+from .adaptive import is_adaptive, sample_adaptively
 from .bright_sky import BrightSky, light_from_bright_sky
 from .denoise import GEOMETRIC_LEVELS, filter_light
 from .diffuse import DiffuseSamples, sample_hemispheres
@@ -56,9 +57,7 @@ def geometric_levels(samples: DiffuseSamples) -> int:
     The more rays of its own a pixel has, the better their spread tells noise from an edge: at contacts, whose
     shadows are narrow, luminance then keeps what geometry cannot see (ADR 3).
     """
-    rays = samples.traced // max(samples.pixel.size, 1)
-    if rays != samples.count:
-        return GEOMETRIC_LEVELS  # the spread is that of neighbours
+    rays = samples.most_own
     return GEOMETRIC_LEVELS - int(rays >= _SOME_RAYS) - int(rays >= _MANY_RAYS)
 
 
@@ -143,7 +142,12 @@ class DiffusePass:
         pixel: IntArray,
         advance: parallel.Advance | None = None,
     ) -> DiffuseSamples:
-        samples = sample_hemispheres(self.scene, home, source, self.environment, settings, pixel, advance)
+        given = (source, self.environment, settings, pixel, advance)
+        samples: DiffuseSamples
+        if home == 0 and is_adaptive(settings):
+            samples = sample_adaptively(self.scene, *given)
+        else:
+            samples = sample_hemispheres(self.scene, home, *given)
         self.samples[home] = samples
         return samples
 

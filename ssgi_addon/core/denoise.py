@@ -7,7 +7,7 @@ neighbours count by distance from the pixel's tangent plane, by normal, and by l
 of the estimated noise, so that contact shadows stay where the noise does not explain them. The first passes
 leave luminance out: single pixels of few rays are too far apart to be told from an edge.
 
-All planes lie flat, with a margin of nothing around them: a neighbour is the same array some places on.
+Rows that hold nothing to smooth cost nothing: a sky, or what only the deeper passes are for.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from . import parallel
 from .camera import Camera
 from .gbuffer import GBuffer
+from .planes import PlaneLayout, box_around
 from .types import FloatArray, IntArray
 
 # A neighbour one pixel's footprint times this off the tangent plane no longer counts.
@@ -37,7 +38,8 @@ GEOMETRIC_LEVELS = 3
 _NOISE_RADIUS = 3
 _TAPS = [(dy, dx, (2 - abs(dy)) * (2 - abs(dx)) / 4.0) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dx or dy]
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
-_PIXELS_PER_BAND = 32768
+# Small enough that a pass can leave out the bands that have nothing for it.
+_PIXELS_PER_BAND = 8192
 
 
 def filter_light(
@@ -74,9 +76,13 @@ def filter_light(
         The smoothed parts; pixels with no level or no surface are unchanged.
     """
     passes = int(np.max(levels, initial=0))
-    if not passes:
+    if not (passes and pixel.size):
         return parts
-    layout = _Layout(gbuffer.shape, margin=1 << (passes - 1))
+    takes_part = np.zeros(gbuffer.shape, dtype=np.bool_)
+    takes_part.reshape(-1)[pixel] = True
+    # The noise around a pixel is a mean over a square that the box must not cut
+    box = box_around(takes_part, _NOISE_RADIUS)
+    layout = PlaneLayout(gbuffer.shape[1], box, margin=1 << (passes - 1))
     widths = [part.shape[1] for part in parts]
     signal, noise, deepest = _planes(layout, pixel, parts, variance, levels)
     parts.clear()
@@ -88,7 +94,8 @@ def filter_light(
         work = _Pass(layout, guide, (signal, noise), (smooth, remaining), level, level >= geometric_levels)
         if np.ndim(levels):
             work.leave_out(deepest <= level)
-        parallel.run_chunks(work.filter_band, [(band, scratch) for band in layout.bands], threads)
+        bands = [(band, scratch) for band in layout.bands(_PIXELS_PER_BAND) if work.concerns(band, deepest)]
+        parallel.run_chunks(work.filter_band, bands, threads)
         signal, noise, smooth, remaining = smooth, remaining, signal, noise
     del guide, work, smooth, remaining, deepest, noise
     planes, places = iter(signal), layout.places(pixel)
@@ -96,7 +103,7 @@ def filter_light(
 
 
 def _planes(
-    layout: _Layout,
+    layout: PlaneLayout,
     pixel: IntArray,
     parts: Sequence[FloatArray],
     variance: FloatArray,
@@ -110,48 +117,6 @@ def _planes(
     for plane, values in zip(signal, (channel for part in parts for channel in part.T), strict=True):
         plane[places] = values
     return signal, noise, deepest
-
-
-class _Layout:
-    """Images as flat planes with a margin on all sides.
-
-    Attributes
-    ----------
-    stride
-        From a pixel to the one below it.
-    bands
-        Runs of places that hold whole rows, all rows together.
-    """
-
-    def __init__(self, shape: tuple[int, int], margin: int) -> None:
-        self.shape, self.margin = shape, margin
-        height, width = shape
-        self.stride = width + 2 * margin
-        # A neighbour's neighbour in the margin stays within the plane
-        self.size = (height + 2 * margin) * self.stride + 2 * margin
-        per_band = max(1, _PIXELS_PER_BAND // self.stride)
-        first = margin + margin * self.stride
-        self.bands = [
-            slice(first + top * self.stride, first + min(top + per_band, height) * self.stride)
-            for top in range(0, height, per_band)
-        ]
-
-    def places(self, pixel: IntArray) -> IntArray:
-        """Return where flat pixel indices stand in a plane."""
-        row, column = np.divmod(pixel, self.shape[1])
-        row += self.margin
-        row *= self.stride
-        row += column
-        row += self.margin
-        return row
-
-    def image(self, plane: FloatArray) -> FloatArray:
-        """Return the image (..., H, W) that lies in planes (..., size), a view."""
-        height, width = self.shape
-        tall = height + 2 * self.margin
-        rows = plane[..., self.margin : self.margin + tall * self.stride]
-        inside = (slice(self.margin, self.margin + height), slice(0, width))
-        return rows.reshape(*plane.shape[:-1], tall, self.stride)[..., *inside]
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,18 +139,21 @@ class _Guide:
     is_orthographic: bool
 
     @classmethod
-    def of(cls, gbuffer: GBuffer, camera: Camera, layout: _Layout, takes_part: NDArray[np.bool_]) -> _Guide:
+    def of(
+        cls, gbuffer: GBuffer, camera: Camera, layout: PlaneLayout, takes_part: NDArray[np.bool_]
+    ) -> _Guide:
         """Return the guide of a frame; without a normal nothing is alike, so what takes no part has none."""
-        height, width = gbuffer.shape
-        dtype = gbuffer.depth.dtype
+        rows, columns = layout.box
+        depth = gbuffer.depth[layout.box]
+        dtype = depth.dtype
         position, normal = np.zeros((2, 3, layout.size), dtype=dtype)
-        layout.image(normal)[:] = np.moveaxis(gbuffer.normal, -1, 0)
+        layout.image(normal)[:] = np.moveaxis(gbuffer.normal[layout.box], -1, 0)
         normal *= takes_part
         x, y, z = layout.image(position)
         # In place of an endless distance; its normal is zero
-        np.copyto(z, gbuffer.depth, where=~gbuffer.is_background)
-        right = ((np.arange(width) + (0.5 - camera.cx)) / camera.fx).astype(dtype)
-        up = ((camera.cy - 0.5 - np.arange(height)) / camera.fy).astype(dtype)[:, None]
+        np.copyto(z, depth, where=~np.isinf(depth))
+        right = ((np.arange(columns.start, columns.stop) + (0.5 - camera.cx)) / camera.fx).astype(dtype)
+        up = ((camera.cy - 0.5 - np.arange(rows.start, rows.stop)) / camera.fy).astype(dtype)[:, None]
         np.multiply(right, 1.0 if camera.is_orthographic else z, out=x)
         np.multiply(up, 1.0 if camera.is_orthographic else z, out=y)
         np.negative(z, out=z)
@@ -208,7 +176,7 @@ class _Pass:
 
     def __init__(
         self,
-        layout: _Layout,
+        layout: PlaneLayout,
         guide: _Guide,
         given: tuple[FloatArray, FloatArray],
         out: tuple[FloatArray, FloatArray],
@@ -217,7 +185,8 @@ class _Pass:
     ) -> None:
         self.guide, self.normal = guide, guide.normal
         (self.signal, self.variance), (self.smooth, self.remaining) = given, out
-        self.step, self.stride, self.uses_luminance = 1 << level, layout.stride, uses_luminance
+        self.level, self.step = level, 1 << level
+        self.stride, self.uses_luminance = layout.stride, uses_luminance
         if uses_luminance:
             self.brightness = sum(c * plane for c, plane in zip(_LUMINANCE, self.signal[:3], strict=True))
             self.inverse_noise = 1e-6 * self.brightness + 1e-20
@@ -229,6 +198,13 @@ class _Pass:
     def leave_out(self, is_done: NDArray[np.bool_]) -> None:
         """Let pixels neither give nor receive."""
         self.normal = self.guide.normal * ~is_done
+
+    def concerns(self, here: slice, deepest: NDArray[np.int8]) -> bool:
+        """Whether pixels of a run of places take part; those of others stay as they are."""
+        if (deepest[here] > self.level).any():
+            return True
+        self.smooth[:, here], self.remaining[here] = self.signal[:, here], self.variance[here]
+        return False
 
     def filter_band(self, task: tuple[slice, threading.local]) -> None:
         """Filter a run of places, with the arrays of this thread."""

@@ -23,7 +23,7 @@ from .sampling import cosine_directions, sample_square
 from .scene import TraceScene
 from .settings import Settings
 from .slice_samples import SLICED, sample_slices
-from .types import FloatArray, IntArray
+from .types import BoolArray, FloatArray, IntArray
 
 
 class DiffuseSamples(Protocol):
@@ -43,6 +43,8 @@ class DiffuseSamples(Protocol):
         Samples per pixel.
     traced
         Rays that were traced for them.
+    most_own
+        Rays of its own that a pixel's variance is that of, at most; 0 where it is that of its neighbours.
     brings_light
         False for methods that tell visibility alone.
     """
@@ -63,6 +65,8 @@ class DiffuseSamples(Protocol):
     def count(self) -> int: ...
     @property
     def traced(self) -> int: ...
+    @property
+    def most_own(self) -> int: ...
     @property
     def brings_light(self) -> bool: ...
 
@@ -89,6 +93,11 @@ class HemisphereSamples:
     def count(self) -> int:
         """Rays per pixel."""
         return int(self.hit.shape[0])
+
+    @property
+    def most_own(self) -> int:
+        """As in `DiffuseSamples`; none for directions that are not followed."""
+        return self.count if self.traced else 0
 
     def gather(self, handed_on: FloatArray, threads: int | None) -> FloatArray:
         """As `DiffuseSamples.gather`."""
@@ -137,7 +146,6 @@ def sample_hemispheres(
     if settings.diffuse.method in SLICED:
         return sample_slices(scene, home, source, environment, settings, pixel, advance)
     rays, count, dtype = settings.diffuse.rays, pixel.shape[0], scene.dtype
-    has_rays = settings.diffuse.method == "hemisphere" and settings.diffuse.traced
     samples = HemisphereSamples(
         pixel,
         np.empty((rays, count), dtype=np.int32),
@@ -146,7 +154,7 @@ def sample_hemispheres(
         np.zeros(count, dtype=dtype),
         np.zeros(count, dtype=dtype),
         np.zeros(count, dtype=dtype),
-        traced=rays * count if has_rays else 0,
+        traced=rays * count if has_rays(settings) else 0,
         brings_light=settings.diffuse.method != "ssao",
     )
 
@@ -160,6 +168,84 @@ def sample_hemispheres(
     return samples
 
 
+@dataclass(frozen=True, eq=False)
+class HemisphereRays:
+    """Rays over the hemispheres above N pixels, and what they met.
+
+    Attributes
+    ----------
+    direction : (3, rays, N)
+        Unit directions in the space of the pixels' view.
+    status, texel, is_lit : (rays, N)
+        As in `scene.Answers`; whether the environment is what a ray brings.
+    """
+
+    direction: FloatArray
+    status: np.ndarray
+    texel: np.ndarray
+    is_lit: BoolArray
+
+    @classmethod
+    def trace(
+        cls,
+        scene: TraceScene,
+        home: int,
+        settings: Settings,
+        pixel: IntArray,
+        advance: parallel.Advance,
+        chosen: slice = slice(None),
+    ) -> HemisphereRays:
+        """Draw the chosen ones of `DiffuseSettings.rays` per pixel, and follow or test them."""
+        gbuffer, camera = scene.views[home].layers[0], scene.views[home].camera
+        options, dtype, threads = settings.diffuse, gbuffer.depth.dtype, settings.threads
+        rays = len(range(options.rays)[chosen])
+        origin, direction = np.empty((2, 3, rays, pixel.size), dtype=dtype)
+
+        def draw(slots: IntArray) -> None:
+            where, part = slice(slots[0], slots[-1] + 1), pixel.take(slots)
+            point, normal = surface_points(gbuffer, camera, part)
+            u, v = sample_square(part, camera.width, options.rays, settings.seed, dtype, chosen)
+            direction[:, :, where] = cosine_directions(u, v, normal)
+            origin[:, :, where] = point[:, None]
+
+        chunks = parallel.split(np.arange(pixel.size), max(1, parallel.RAYS_PER_TASK // rays))
+        parallel.run_chunks(draw, chunks, threads)
+        if has_rays(settings):
+            answers = scene.answer(origin.reshape(3, -1), direction.reshape(3, -1), home, threads, advance)
+        else:
+            answers = points.test_points(scene, home, origin, direction, pixel, settings)
+        shape = (rays, pixel.size)
+        is_lit = answers.brings_environment(settings.unknown).reshape(shape)
+        return cls(direction, answers.status.reshape(shape), answers.texel.reshape(shape), is_lit)
+
+    def light(
+        self, where: slice, source: FloatArray, environment: Environment | None
+    ) -> tuple[FloatArray, FloatArray | None]:
+        """Return what rays of a run of pixels bring (rays, N, 3): by hits, and from the environment."""
+        bounce = source.take(self.texel[:, where], axis=0)
+        if environment is None:
+            return bounce, None
+        sky, is_lit = np.zeros_like(bounce), self.is_lit[:, where]
+        sky[is_lit] = environment.radiance(*(part[is_lit] for part in self.direction[:, :, where]))
+        return bounce, sky
+
+    def is_known(self, where: slice) -> BoolArray:
+        """Return which rays of a run of pixels were answered, (rays, N)."""
+        known: BoolArray = self.status[:, where] >= tracer.ESCAPED
+        return known
+
+    def is_open(self, where: slice) -> BoolArray:
+        """Return which rays of a run of pixels met nothing, (rays, N)."""
+        status = self.status[:, where]
+        is_open: BoolArray = (status == tracer.ESCAPED) | (status == tracer.UNKNOWN)
+        return is_open
+
+
+def has_rays(settings: Settings) -> bool:
+    """Whether directions over the hemisphere are followed."""
+    return settings.diffuse.method == "hemisphere" and settings.diffuse.traced
+
+
 def _sample_block(
     scene: TraceScene,
     home: int,
@@ -171,45 +257,24 @@ def _sample_block(
     advance: parallel.Advance,
 ) -> None:
     """Draw, trace and sum the rays of a run of sampled pixels."""
-    gbuffer, camera = scene.views[home].layers[0], scene.views[home].camera
-    rays, dtype, threads = settings.diffuse.rays, gbuffer.depth.dtype, settings.threads
-    pixel = samples.pixel.take(block)
-    origin, direction = np.empty((2, 3, rays, block.size), dtype=dtype)
-
-    def draw(slots: IntArray) -> None:
-        where, part = slice(slots[0], slots[-1] + 1), pixel.take(slots)
-        point, normal = surface_points(gbuffer, camera, part)
-        u, v = sample_square(part, camera.width, rays, settings.seed, dtype)
-        direction[:, :, where] = cosine_directions(u, v, normal)
-        origin[:, :, where] = point[:, None]
+    rays = HemisphereRays.trace(scene, home, settings, samples.pixel.take(block), advance)
 
     def shade(slots: IntArray) -> None:
         where = slice(slots[0], slots[-1] + 1)
         to = slice(block[0] + where.start, block[0] + where.stop)
-        samples.hit[:, to] = texel[:, where]
-        radiance = source.take(texel[:, where], axis=0)
+        samples.hit[:, to] = rays.texel[:, where]
+        radiance, sky = rays.light(where, source, environment)
         radiance *= samples.brings_light
         samples.bounce[to] = radiance.mean(axis=0)
-        if environment is not None:
-            sky = np.zeros_like(radiance)
-            lit = is_lit[:, where]
-            sky[lit] = environment.radiance(*(component[lit] for component in direction[:, :, where]))
+        if sky is not None:
             samples.environment[to] = sky.mean(axis=0)
             radiance += sky
-        kind = status[:, where]
-        samples.known[to] = (kind >= tracer.ESCAPED).mean(axis=0)
-        samples.visibility[to] = ((kind == tracer.ESCAPED) | (kind == tracer.UNKNOWN)).mean(axis=0)
+        samples.known[to] = rays.is_known(where).mean(axis=0)
+        samples.visibility[to] = rays.is_open(where).mean(axis=0)
         samples.variance[to] = variance_of_mean(luminance(radiance))
 
-    chunks = parallel.split(np.arange(block.size), max(1, parallel.RAYS_PER_TASK // rays))
-    parallel.run_chunks(draw, chunks, threads)
-    if samples.traced:
-        answers = scene.answer(origin.reshape(3, -1), direction.reshape(3, -1), home, threads, advance)
-    else:
-        answers = points.test_points(scene, home, origin, direction, pixel, settings)
-    status, texel = answers.status.reshape(rays, -1), answers.texel.reshape(rays, -1)
-    is_lit = answers.brings_environment(settings.unknown).reshape(rays, -1)
-    parallel.run_chunks(shade, chunks, threads)
+    chunks = parallel.split(np.arange(block.size), max(1, parallel.RAYS_PER_TASK // samples.count))
+    parallel.run_chunks(shade, chunks, settings.threads)
 
 
 def variance_of_mean(values: FloatArray) -> FloatArray:

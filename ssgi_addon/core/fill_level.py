@@ -49,8 +49,8 @@ class Answered:
     traced : (h, w, 3)
         The fill's light of that kind.
     passes : (P,) or a number
-        Most passes of the filter: over how wide a part of a surface the light is alike. Mirrors show something
-        else in every pixel.
+        Most passes of the filter: over how wide a part of a surface the light is alike. Mirrors show
+        something else in every pixel.
     """
 
     light: FloatArray

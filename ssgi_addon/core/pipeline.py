@@ -118,7 +118,7 @@ class _Run:
     ) -> None:
         self.gbuffer, self.camera, self.settings, self.environment = gbuffer, camera, settings, environment
         self.progress = progress
-        # Images of the result by name, each made once its light is there
+        # Images of the result by name, each made once there is light for it
         self.images: dict[str, FloatArray] = {}
         self.plan = plan_passes(gbuffer, settings, environment)
         # What rays over the hemisphere look up where they escape
@@ -158,6 +158,7 @@ class _Run:
 
     def trace_reflections(self, pixels: IntArray) -> None:
         """Make glossy and known_glossy."""
+        self._keep_rough()
         if not pixels.size:
             return
         settings = self.settings
@@ -178,10 +179,19 @@ class _Run:
             parts = filter_light(self.gbuffer, self.camera, pixels, parts, variance, levels, settings.threads)
         self._keep("glossy", pixels, parts[0])
 
+    def _keep_rough(self) -> None:
+        """Let surfaces that are too rough for rays of their own have their diffuse light as glossy light."""
+        pixels = self.plan.rough
+        if not pixels.size:
+            return
+        diffuse, known = self.images["diffuse"], self.images["known_diffuse"]
+        self._keep("glossy", pixels, diffuse.reshape(-1, 3).take(pixels, axis=0))
+        self._keep("known_glossy", pixels, known.reshape(-1).take(pixels), elsewhere=1.0)
+
     def fill_in(self, fill: Fill) -> None:
         """Bring diffuse and glossy light to the level of a fill."""
         self.report(0.95, "Fill")
-        kinds = {"diffuse": self.plan.diffuse, "glossy": self.plan.reflections}
+        kinds = {"diffuse": self.plan.diffuse, "glossy": self.plan.glossy}
         kinds = {name: pixel for name, pixel in kinds.items() if pixel.size}
         if not kinds:
             return
@@ -200,11 +210,12 @@ class _Run:
             self._keep(name, kinds[name], light)
 
     def _keep(self, name: str, pixels: IntArray, values: FloatArray, elsewhere: float = 0.0) -> None:
-        """Make an image of the result from values (P, ...) of some pixels."""
+        """Write values (P, ...) of some pixels into an image of the result."""
         height, width = self.gbuffer.shape
-        image = np.full((height * width, *values.shape[1:]), elsewhere, dtype=np.float32)
-        image[pixels] = values
-        self.images[name] = image.reshape(height, width, *values.shape[1:])
+        shape = (height, width, *values.shape[1:])
+        if name not in self.images:
+            self.images[name] = np.full(shape, elsewhere, dtype=np.float32)
+        self.images[name].reshape(height * width, *shape[2:])[pixels] = values
 
     def _image(self, name: str) -> FloatArray:
         """Return an image of the result; black, open and known where there is no light to tell of."""

@@ -169,8 +169,9 @@ class _Reflection:
             point, normal = surface_points(self.gbuffer, self.camera, pixel)
             roughness = self.gbuffer.roughness.reshape(-1).take(pixel)
             lobes = Lobes.at(normal, toward_camera(self.camera, point), roughness, self.options.elongation)
-            u, v = sample_square(own, grid.columns, tier.rays, self.settings.seed + _SEED_OFFSET, dtype)
-            drawn, pdf = lobes.draw(u[chosen], v[chosen], tier.is_mirror)
+            seed = self.settings.seed + _SEED_OFFSET
+            u, v = sample_square(own, grid.columns, tier.rays, seed, dtype, chosen)
+            drawn, pdf = lobes.draw(u, v, tier.is_mirror)
             direction[:, :, where], origin[:, :, where] = drawn, point[:, None]
             if tier.is_mirror:
                 spread[:, where] = 0.0

@@ -20,6 +20,7 @@ from .frame_points import surface_points, toward_camera
 from .gbuffer import GBuffer
 from .light import luminance
 from .lobes import Lobes
+from .planes import box_around
 from .types import BoolArray, FloatArray, IntArray
 
 # Rays are borrowed from at most this many cells of the grid away.
@@ -126,6 +127,9 @@ def _chosen_pixels(is_active: BoolArray, stride: int, first: int, last: int) -> 
     """Return the cells of some rows that have active pixels, and one such pixel of each."""
     height, width = is_active.shape
     columns = grid_shape(is_active.shape, stride)[1]
+    if stride == 1:
+        active = np.flatnonzero(is_active[first:last]) + first * columns
+        return active, active
     cell_y, cell_x = np.mgrid[first:last, 0:columns]
     # A diagonal walk over the cell's pixels, so that neighbouring cells choose different ones
     turn = cell_x + 2 * cell_y
@@ -236,12 +240,18 @@ def resolve(
         for phase_y in range(stride):
             top, bottom = int(rows[0]) * stride + phase_y, min(int(rows[-1]) * stride + phase_y + 1, height)
             for phase_x in range(stride):
-                where = (slice(top, bottom, stride), slice(phase_x, width, stride))
-                active = is_active[where]
+                active = is_active[top:bottom:stride, phase_x:width:stride]
                 if not active.any():
                     continue
+                # Only what lies around the pixels that receive
+                box = box_around(active)
+                active = active[box]
+                where = (
+                    slice(top + box[0].start * stride, top + (box[0].stop - 1) * stride + 1, stride),
+                    slice(phase_x + box[1].start * stride, phase_x + (box[1].stop - 1) * stride + 1, stride),
+                )
                 band = _Receivers.of(gbuffer, camera, where, is_elongated)
-                cells = (int(rows[0]) - grid.top, 0, *active.shape)
+                cells = (int(rows[0]) - grid.top + box[0].start, box[1].start, *active.shape)
                 for offset in neighbour_offsets(stride, (phase_y, phase_x), reuse):
                     _borrow(grid, band, cells, offset, active, where, sums)
 

@@ -23,7 +23,12 @@ _TILE = 16
 
 
 def sample_square(
-    pixel: IntArray, width: int, rays: int, seed: int, dtype: np.dtype[Any]
+    pixel: IntArray,
+    width: int,
+    rays: int,
+    seed: int,
+    dtype: np.dtype[Any],
+    chosen: slice = slice(None),
 ) -> tuple[FloatArray, FloatArray]:
     """Return sample points (u, v) of [0, 1)², each ``(rays, N)``.
 
@@ -44,9 +49,11 @@ def sample_square(
         Of the shift.
     dtype
         Of the result.
+    chosen
+        Which of the points to return; a pixel's points are the same however many are.
     """
     order = morton(pixel % width % _TILE, pixel // width % _TILE).astype(np.uint64)
-    index = order * np.uint64(rays) + np.arange(rays, dtype=np.uint64)[:, None]
+    index = order * np.uint64(rays) + np.arange(rays, dtype=np.uint64)[chosen, None]
     shift_u, shift_v = (mix(2 * seed + axis) for axis in range(2))
     u = (index * np.uint64(_R2_STEP_U) + np.uint64(shift_u)) & np.uint64(0xFFFFFFFF)
     v = (index * np.uint64(_R2_STEP_V) + np.uint64(shift_v)) & np.uint64(0xFFFFFFFF)

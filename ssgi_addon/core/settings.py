@@ -121,6 +121,14 @@ class ReflectionSettings:
         "Trace rough surfaces at half the resolution: their reflections are wide",
         label="Fewer Rays on Rough Surfaces",
     )
+    roughness_cutoff: float = option(
+        1.0,
+        "Surfaces rougher than this, except metals, trace no reflection rays and take their diffuse light "
+        "as glossy light: their lobes are nearly as wide as the hemisphere. 1 traces them all",
+        label="Roughness Cutoff",
+        min=0.0,
+        max=1.0,
+    )
     reuse: int = option(
         4,
         "Neighbouring pixels whose rays each pixel takes too, weighted by its own lobe",
@@ -197,6 +205,15 @@ class DiffuseSettings:
         max=4096,
         soft_max=128,
         methods=("hemisphere", "ssao"),
+    )
+    adaptive: float = option(
+        0.0,
+        "Error of a pixel's light, as a fraction of the picture, below which it takes no more rays: each has "
+        "4, and then as many more as it needs, up to all. 0 traces all of them",
+        label="Adaptive",
+        min=0.0,
+        soft_max=1.0,
+        methods=("hemisphere",),
     )
     traced: bool = option(
         True,

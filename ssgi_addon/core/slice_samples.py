@@ -42,6 +42,7 @@ class SliceSamples:
     count: int
     traced: int
     brings_light: bool = True
+    most_own: int = 0
 
     def gather(self, handed_on: FloatArray, threads: int | None) -> FloatArray:
         """As `diffuse.DiffuseSamples.gather`."""
