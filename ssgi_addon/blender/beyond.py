@@ -85,8 +85,9 @@ class BeyondTheFrame:
             return frame
         self.frame = frame
         self.lost: LostRays | None = None
-        # That of the geometry had a scene to build and one sample to take
-        self.render_seconds = min(_RENDER_SECONDS, frame.seconds["geometry"])
+        # The first render had a scene to build; that of the geometry took one sample
+        first = frame.seconds.get("geometry", frame.seconds["light"])
+        self.render_seconds = min(_RENDER_SECONDS, first)
         # Of the direct light, so that the frame's size and the scene's shaders count
         pixels = frame.camera.width * frame.camera.height * options.samples
         self.sample_seconds = frame.seconds["light"] / pixels
