@@ -8,7 +8,7 @@ import platform
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +16,17 @@ import bpy
 import numpy as np
 
 from .. import __version__
+from ..core import Settings
 from ..errors import SSGIError
 from ..files import write_json
-from ..job_options import BEYOND_FRAME, JobOptions
+from ..frame import CapturedFrame
+from ..job_options import BEYOND_FRAME, TOGETHER, JobOptions
 from ..passes import settings_to_json, write_passes
 from ..results import Picture, check_writable, compute_picture, peak_memory_mb, write_picture
 from . import demo_scene
 from .capture import CaptureOptions, capture_frame
 from .comparison import compare_with_cycles
+from .denoise_picture import can_denoise_pictures, denoise_picture
 from .display import write_display_png
 from .kept_world import KeptWorld
 
@@ -214,7 +217,7 @@ def make_picture(
     picture
         The result.
     seconds
-        Wall time of the capture and of the passes.
+        Wall time of the capture, of the passes and of the denoiser that cleans the picture.
 
     Raises
     ------
@@ -222,12 +225,15 @@ def make_picture(
         If the scene cannot be captured.
     """
     begun = time.perf_counter()
+    together = options.denoiser == TOGETHER
     captured = capture_frame(
         scene,
         CaptureOptions(
             engine=options.engine,
             samples=options.samples,
-            denoiser=options.denoiser,
+            denoiser="none" if together else options.denoiser,
+            # Mirrors show single pixels of them, which the picture's denoiser would take for detail
+            view_denoiser="fast" if together else None,
             own_geometry=options.own_geometry,
             resolution=options.resolution,
             frame=frame,
@@ -238,8 +244,43 @@ def make_picture(
         kept,
     )
     computing = time.perf_counter()
-    picture = compute_picture(captured, options.settings, _part(progress, 0.5, 0.5))
-    return picture, {"capture": computing - begun, "passes": time.perf_counter() - computing}
+    seconds = {"capture": computing - begun}
+    rest = _part(progress, 0.5, 0.5)
+    if together and can_denoise_pictures(scene):
+        return _denoise_together(scene, captured, options.settings, rest, seconds), seconds
+    if together:
+        note = (
+            "This Blender has no denoiser for pictures: the filters of the passes clean the indirect light."
+        )
+        captured = replace(captured, notes=(*captured.notes, note))
+    picture = compute_picture(captured, options.settings, rest)
+    seconds["passes"] = time.perf_counter() - computing
+    return picture, seconds
+
+
+def _denoise_together(
+    scene: bpy.types.Scene,
+    captured: CapturedFrame,
+    settings: Settings,
+    progress: Progress,
+    seconds: dict[str, float],
+) -> Picture:
+    """Compute the picture without filters of ours and clean the sum; `seconds` gets the two steps' times."""
+    begun = time.perf_counter()
+    settings = replace(
+        settings,
+        diffuse=replace(settings.diffuse, filter=False),
+        reflections=replace(settings.reflections, filter=False),
+    )
+    picture = compute_picture(captured, settings, _part(progress, 0.0, 0.9))
+    seconds["passes"] = time.perf_counter() - begun
+    progress(0.9, "Denoising")
+    begun = time.perf_counter()
+    gbuffer = captured.gbuffer
+    albedo = gbuffer.albedo + gbuffer.specular
+    clean = denoise_picture(scene, picture.combined, albedo, gbuffer.normal)
+    seconds["denoise"] = time.perf_counter() - begun
+    return replace(picture, combined=clean)
 
 
 def _beyond(options: JobOptions) -> dict[str, Any]:
