@@ -349,8 +349,8 @@ LIGHT_VIEW_SHADOW = 0.03
 # A lamp's irradiance as that of a point against Cycles, straight below it, relative: noise of 64 samples, and
 # the lamp's size (measured: at most 0.02).
 LAMP_IRRADIANCE = 0.1
-# A constant picture after Cycles' denoiser, relative, away from the border, beyond which its network sees black
-# (measured: 0.022; corner pixels are off by a third).
+# A constant picture after Cycles' denoiser, relative, away from the border, beyond which its network sees
+# black (measured: 0.022; corner pixels are off by a third).
 DENOISED_CONSTANT = 0.04
 # Share of the noise of a picture of two samples that it leaves on a flat wall (measured: 0.1).
 DENOISED_NOISE = 0.2

@@ -8,33 +8,75 @@ back as such a file, since its denoiser takes no arrays, and within a render it 
 from __future__ import annotations
 
 import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core import Settings
 from ..errors import SSGIError
 from ..exr import PREFIX, read_layers, write_layers
+from ..frame import CapturedFrame
+from ..results import Picture, compute_picture
 from . import compat
+from .render_settings import borrow_denoiser
 from .restore import Restorer
 
 FloatArray = NDArray[np.float32]
-
-# Albedo and normals of few samples are noisy themselves: the filter reads them as such, along with the
-# picture. Only with guides that it takes for clean would a higher quality use a larger network.
-_SETTINGS = {
-    "use_denoising": True,
-    "denoising_quality": "FAST",
-    "denoising_prefilter": "FAST",
-    "denoising_input_passes": "RGB_ALBEDO_NORMAL",
-}
+Progress = Callable[[float, str], None]
 
 
 def can_denoise_pictures(scene: bpy.types.Scene) -> bool:
     """Whether this build of Blender has what `denoise_picture` needs."""
     # Without Cycles, as an EEVEE user may have it, neither is there
     return hasattr(scene, "cycles") and compat.has_denoiser(scene) and compat.denoises_files()
+
+
+def compute_denoised_picture(
+    scene: bpy.types.Scene, captured: CapturedFrame, settings: Settings, progress: Progress
+) -> tuple[Picture, dict[str, float]]:
+    """Compute the indirect light of a captured frame without our filters, and denoise the sum.
+
+    Parameters
+    ----------
+    scene
+        As in `denoise_picture`.
+    captured
+        Its direct light is noisy.
+    settings
+        Of the passes; their filters do not matter.
+    progress
+        Called with a fraction and a text.
+
+    Returns
+    -------
+    picture
+        `Picture.combined` is clean; the light that it was made of is as the rays brought it.
+    seconds
+        Wall time of the passes and of the denoiser.
+
+    Raises
+    ------
+    SSGIError
+        If the passes do not fit together, or the denoiser fails.
+    """
+    begun = time.perf_counter()
+    settings = replace(
+        settings,
+        diffuse=replace(settings.diffuse, filter=False),
+        reflections=replace(settings.reflections, filter=False),
+    )
+    picture = compute_picture(captured, settings, progress)
+    denoising = time.perf_counter()
+    progress(1.0, "Denoising")
+    gbuffer = captured.gbuffer
+    clean = denoise_picture(scene, picture.combined, gbuffer.albedo + gbuffer.specular, gbuffer.normal)
+    seconds = {"passes": denoising - begun, "denoise": time.perf_counter() - denoising}
+    return replace(picture, combined=clean), seconds
 
 
 def denoise_picture(
@@ -76,7 +118,8 @@ def denoise_picture(
     # Refused without a number of samples; the filter does not look at it
     metadata = {f"cycles.{PREFIX}.samples": "1"}
     with tempfile.TemporaryDirectory(prefix="ssgi-denoise-") as folder, Restorer() as restorer:
-        restorer.change(scene.cycles, **_SETTINGS)
+        borrow_denoiser(restorer, scene, scene.view_layers[0], "fast")
+        restorer.change(scene.cycles, denoising_input_passes="RGB_ALBEDO_NORMAL")
         noisy, clean = Path(folder, "noisy.exr"), Path(folder, "clean.exr")
         write_layers(noisy, layers, metadata, letters=letters, compress=False)
         _denoise_file(scene, noisy, clean)

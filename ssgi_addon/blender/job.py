@@ -16,17 +16,15 @@ import bpy
 import numpy as np
 
 from .. import __version__
-from ..core import Settings
 from ..errors import SSGIError
 from ..files import write_json
-from ..frame import CapturedFrame
 from ..job_options import BEYOND_FRAME, TOGETHER, JobOptions
 from ..passes import settings_to_json, write_passes
 from ..results import Picture, check_writable, compute_picture, peak_memory_mb, write_picture
 from . import demo_scene
 from .capture import CaptureOptions, capture_frame
 from .comparison import compare_with_cycles
-from .denoise_picture import can_denoise_pictures, denoise_picture
+from .denoise_picture import can_denoise_pictures, compute_denoised_picture
 from .display import write_display_png
 from .kept_world import KeptWorld
 
@@ -256,31 +254,6 @@ def make_picture(
     picture = compute_picture(captured, options.settings, rest)
     seconds["passes"] = time.perf_counter() - computing
     return picture, seconds
-
-
-def _denoise_together(
-    scene: bpy.types.Scene,
-    captured: CapturedFrame,
-    settings: Settings,
-    progress: Progress,
-    seconds: dict[str, float],
-) -> Picture:
-    """Compute the picture without filters of ours and clean the sum; `seconds` gets the two steps' times."""
-    begun = time.perf_counter()
-    settings = replace(
-        settings,
-        diffuse=replace(settings.diffuse, filter=False),
-        reflections=replace(settings.reflections, filter=False),
-    )
-    picture = compute_picture(captured, settings, _part(progress, 0.0, 0.9))
-    seconds["passes"] = time.perf_counter() - begun
-    progress(0.9, "Denoising")
-    begun = time.perf_counter()
-    gbuffer = captured.gbuffer
-    albedo = gbuffer.albedo + gbuffer.specular
-    clean = denoise_picture(scene, picture.combined, albedo, gbuffer.normal)
-    seconds["denoise"] = time.perf_counter() - begun
-    return replace(picture, combined=clean)
 
 
 def _beyond(options: JobOptions) -> dict[str, Any]:
