@@ -245,15 +245,13 @@ def make_picture(
     seconds = {"capture": computing - begun}
     rest = _part(progress, 0.5, 0.5)
     if together and can_denoise_pictures(scene):
-        return _denoise_together(scene, captured, options.settings, rest, seconds), seconds
+        picture, spent = compute_denoised_picture(scene, captured, options.settings, rest)
+        return picture, seconds | spent
     if together:
-        note = (
-            "This Blender has no denoiser for pictures: the filters of the passes clean the indirect light."
-        )
+        note = "This Blender cannot denoise pictures: the filters of the passes clean the indirect light."
         captured = replace(captured, notes=(*captured.notes, note))
     picture = compute_picture(captured, options.settings, rest)
-    seconds["passes"] = time.perf_counter() - computing
-    return picture, seconds
+    return picture, {**seconds, "passes": time.perf_counter() - computing}
 
 
 def _beyond(options: JobOptions) -> dict[str, Any]:

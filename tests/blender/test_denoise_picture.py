@@ -127,4 +127,4 @@ def test_without_a_denoiser_our_filters_clean_and_a_note_says_so(room, options, 
     plain, _ = make_picture(room, replace(options, denoiser="none"))
     assert "denoise" not in seconds
     assert np.array_equal(picture.combined, plain.combined)
-    assert any("no denoiser" in note for note in picture.frame.notes)
+    assert any("cannot denoise" in note for note in picture.frame.notes)
