@@ -51,7 +51,12 @@ Pixels = dict[str, FloatArray]
 
 
 def write_layers(
-    path: Path | str, layers: Mapping[str, FloatArray], metadata: Mapping[str, str] | None = None
+    path: Path | str,
+    layers: Mapping[str, FloatArray],
+    metadata: Mapping[str, str] | None = None,
+    *,
+    letters: Mapping[str, str] | None = None,
+    compress: bool = True,
 ) -> None:
     """Write arrays as the layers of one EXR file, losslessly, in 32-bit float.
 
@@ -63,6 +68,10 @@ def write_layers(
         ``(H, W, 3)`` arrays become channels R, G, B and ``(H, W)`` arrays channel V, all of one size.
     metadata
         Text attributes of the file.
+    letters
+        What the channels of a layer are called instead, as many as it has: ``"XYZ"``.
+    compress
+        Off for files that are read at once and thrown away.
 
     Raises
     ------
@@ -71,10 +80,10 @@ def write_layers(
     ValueError
         If there is no layer, or shapes or names do not fit together.
     """
-    channels = _split_channels(layers)
+    channels = _split_channels(layers, letters or {})
     write = _write_openexr if _openexr() is not None else _write_openimageio
     with replacing(Path(path)) as temporary:
-        write(temporary, channels, dict(metadata or {}))
+        write(temporary, channels, dict(metadata or {}), compress)
 
 
 def read_layers(path: Path | str) -> Pixels:
@@ -111,13 +120,14 @@ def read_layers(path: Path | str) -> Pixels:
     return _join_channels(channels)
 
 
-def _split_channels(layers: Mapping[str, FloatArray]) -> Pixels:
+def _split_channels(layers: Mapping[str, FloatArray], named: Mapping[str, str]) -> Pixels:
     channels = {}
     for name, values in layers.items():
         shape = np.shape(values)
-        letters = {2: "V", 3: "RGB"}.get(len(shape), "")
-        if not letters or (len(shape) == 3 and shape[2] != 3):
-            raise ValueError(f"layer {name!r}: expected (H, W) or (H, W, 3), got {shape}")
+        letters = named.get(name) or {2: "V", 3: "RGB"}.get(len(shape), "")
+        if len(shape) not in (2, 3) or shape[2:] not in ((), (len(letters),)):
+            expected = f"(H, W, {len(letters)})" if name in named else "(H, W) or (H, W, 3)"
+            raise ValueError(f"layer {name!r}: expected {expected}, got {shape}")
         planes = np.asarray(values, np.float32).reshape(shape[0], shape[1], len(letters))
         for index, letter in enumerate(letters):
             channels[f"{PREFIX}.{name}.{letter}"] = np.ascontiguousarray(planes[..., index])
@@ -196,10 +206,11 @@ def _read_openexr(path: Path) -> list[Pixels]:
     return [{name: channel.pixels for name, channel in part.channels.items()} for part in file.parts]
 
 
-def _write_openexr(path: Path, channels: Pixels, metadata: dict[str, str]) -> None:
+def _write_openexr(path: Path, channels: Pixels, metadata: dict[str, str], compress: bool) -> None:
     module = _openexr()
     assert module is not None
-    header = {**metadata, "compression": module.ZIP_COMPRESSION, "type": module.scanlineimage}
+    compression = module.ZIP_COMPRESSION if compress else module.NO_COMPRESSION
+    header = {**metadata, "compression": compression, "type": module.scanlineimage}
     try:
         module.File(header, channels).write(str(path))
     except RuntimeError as error:
@@ -218,13 +229,13 @@ def _read_openimageio(path: Path) -> list[Pixels]:
     return parts
 
 
-def _write_openimageio(path: Path, channels: Pixels, metadata: dict[str, str]) -> None:
+def _write_openimageio(path: Path, channels: Pixels, metadata: dict[str, str], compress: bool) -> None:
     module = _openimageio()
     names = sorted(channels)
     height, width = channels[names[0]].shape
     spec = module.ImageSpec(width, height, len(names), "float")
     spec.channelnames = tuple(names)
-    spec.attribute("compression", "zip")
+    spec.attribute("compression", "zip" if compress else "none")
     for key, value in metadata.items():
         spec.attribute(key, value)
     # The temporary name does not end in .exr, so the format is named here.

@@ -26,6 +26,8 @@ BEYOND_FRAME = (
 CYCLES_ONLY = ("fill", "back_faces", "behind")
 ENGINE_LABELS = {"cycles": "Cycles", "eevee": "EEVEE"}
 ENGINES = tuple(ENGINE_LABELS)
+# The denoiser that cleans the finished picture.
+TOGETHER = "together"
 _MOST_SAMPLES = 1 << 24  # of Cycles
 
 
@@ -68,10 +70,11 @@ class JobOptions:
     )
     denoiser: str = option(
         "accurate",
-        "How Cycles' denoiser cleans the direct light, where this Blender has one: not at all, at its "
-        "fastest or at its best setting",
+        "What Cycles' denoiser cleans, where this Blender has one: nothing, the direct light at its fastest "
+        "or at its best setting, or direct and indirect light together, in place of the passes' own filters. "
+        "Together only the combined picture is clean: the layers that it was made of keep their noise",
         label="Denoiser",
-        choices=("none", "fast", "accurate"),
+        choices=("none", "fast", "accurate", TOGETHER),
     )
     own_geometry: bool = option(
         True,

@@ -32,7 +32,7 @@ class Picture:
     frame, light
         What went in and what came out.
     combined : (H, W, 3)
-        direct + albedo * diffuse + specular * glossy, scene-linear.
+        direct + albedo * diffuse + specular * glossy, scene-linear; denoised where that was asked for.
     """
 
     frame: CapturedFrame

@@ -186,7 +186,7 @@ class BeyondTheFrame:
             self.view_layer,
             cameras,
             samples=self.options.view_samples,
-            denoiser=self.options.denoiser,
+            denoiser=self.options.view_denoiser or self.options.denoiser,
             progress=lambda fraction: self.report(0.6 + 0.2 * fraction, name.capitalize()),
         )
         if name in _ELSEWHERE:

@@ -20,6 +20,8 @@ class CaptureOptions:
     denoiser
         How Cycles' denoiser cleans the direct light, where this build of Blender has one: ``"none"``,
         ``"fast"`` or ``"accurate"``; EEVEE's light is never denoised.
+    view_denoiser
+        The same for all views beyond the frame; None means as the frame's.
     own_geometry
         Render geometry by itself, with one sample at each pixel's centre; else (Cycles, without volumes) it
         comes with the light.
@@ -54,6 +56,7 @@ class CaptureOptions:
     engine: str = "cycles"
     samples: int = 16
     denoiser: str = "accurate"
+    view_denoiser: str | None = None
     own_geometry: bool = True
     resolution: tuple[int, int] | None = None
     frame: int | None = None

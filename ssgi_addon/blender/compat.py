@@ -102,6 +102,13 @@ def has_denoiser(scene: bpy.types.Scene) -> bool:
     return _cycles.with_openimagedenoise or scene.cycles.denoiser != ""
 
 
+def denoises_files() -> bool:
+    """Whether Cycles' module denoises EXR files; not a documented interface, but there since 2.81."""
+    import _cycles
+
+    return hasattr(_cycles, "denoise")
+
+
 def interface_selection(
     interface: bpy.types.NodeTreeInterface,
 ) -> list[tuple[bpy.types.NodeTreeInterfaceItem, bool]]:

@@ -8,7 +8,7 @@ import platform
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +18,13 @@ import numpy as np
 from .. import __version__
 from ..errors import SSGIError
 from ..files import write_json
-from ..job_options import BEYOND_FRAME, JobOptions
+from ..job_options import BEYOND_FRAME, TOGETHER, JobOptions
 from ..passes import settings_to_json, write_passes
 from ..results import Picture, check_writable, compute_picture, peak_memory_mb, write_picture
 from . import demo_scene
 from .capture import CaptureOptions, capture_frame
 from .comparison import compare_with_cycles
+from .denoise_picture import can_denoise_pictures, compute_denoised_picture
 from .display import write_display_png
 from .kept_world import KeptWorld
 from .restore import Restorer
@@ -219,7 +220,7 @@ def make_picture(
     picture
         The result.
     seconds
-        Wall time of the capture and of the passes.
+        Wall time of the capture, of the passes and of the denoiser that cleans the picture.
 
     Raises
     ------
@@ -227,12 +228,15 @@ def make_picture(
         If the scene cannot be captured.
     """
     begun = time.perf_counter()
+    together = options.denoiser == TOGETHER
     captured = capture_frame(
         scene,
         CaptureOptions(
             engine=options.engine,
             samples=options.samples,
-            denoiser=options.denoiser,
+            denoiser="none" if together else options.denoiser,
+            # Mirrors show single pixels of them, which the picture's denoiser would take for detail
+            view_denoiser="fast" if together else None,
             own_geometry=options.own_geometry,
             resolution=options.resolution,
             frame=frame,
@@ -243,8 +247,16 @@ def make_picture(
         kept,
     )
     computing = time.perf_counter()
-    picture = compute_picture(captured, options.settings, _part(progress, 0.5, 0.5))
-    return picture, {"capture": computing - begun, "passes": time.perf_counter() - computing}
+    seconds = {"capture": computing - begun}
+    rest = _part(progress, 0.5, 0.5)
+    if together and can_denoise_pictures(scene):
+        picture, spent = compute_denoised_picture(scene, captured, options.settings, rest)
+        return picture, seconds | spent
+    if together:
+        note = "This Blender cannot denoise pictures: the filters of the passes clean the indirect light."
+        captured = replace(captured, notes=(*captured.notes, note))
+    picture = compute_picture(captured, options.settings, rest)
+    return picture, {**seconds, "passes": time.perf_counter() - computing}
 
 
 def _beyond(options: JobOptions) -> dict[str, Any]:

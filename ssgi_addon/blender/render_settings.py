@@ -13,9 +13,10 @@ from .restore import Restorer
 
 # Cycles hands its passes over in memory only if one tile holds the frame, and its tiles end here.
 LARGEST_TILE_PX = 8192
-# What OpenImageDenoise cleans with: the filter's quality, and whether albedo and normals are cleaned before.
+# What OpenImageDenoise cleans with: the filter's quality, and whether albedo and normals are cleaned before,
+# or along with the picture ("FAST"). With "NONE" it takes them for clean, and keeps their noise.
 _DENOISERS = {
-    "fast": {"denoising_quality": "FAST", "denoising_prefilter": "NONE"},
+    "fast": {"denoising_quality": "FAST", "denoising_prefilter": "FAST"},
     "accurate": {"denoising_quality": "HIGH", "denoising_prefilter": "ACCURATE"},
 }
 _SMALLEST_RESOLUTION_PX = 4  # of Blender's resolution property

@@ -50,6 +50,12 @@ def test_none_is_rendered_unless_asked_for(room):
     assert "fill" not in frame.seconds
 
 
+def test_one_is_rendered_where_geometry_came_with_the_light(room):
+    frame, _ = fill_in(room, replace(OPTIONS, own_geometry=False))
+    assert "geometry" not in frame.seconds
+    assert frame.seconds["fill"] > 0.0
+
+
 @pytest.mark.parametrize("size", [(32, 20), (33, 19), (4, 3), (5, 31)])
 def test_pixel_of_a_fill_stands_for_four_of_the_frame_each_way(room, size):
     frame, fill = fill_in(room, replace(OPTIONS, resolution=size))

@@ -69,6 +69,23 @@ def test_channel_names_are_those_that_blender_splits(tmp_path, layers):
     ]
 
 
+def test_letters_and_compression_are_those_asked_for(tmp_path, layers):
+    motion = np.arange(4 * layers["visibility"].size, dtype=np.float32).reshape(
+        *layers["visibility"].shape, 4
+    )
+    layers = {**layers, "Vector": motion}
+    write_layers(tmp_path / "a.exr", layers, letters={"Vector": "XYZW"}, compress=False)
+    header = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True)
+    assert {f"ssgi.Vector.{letter}" for letter in "XYZW"} <= header.channels().keys()
+    assert header.header()["compression"] == OpenEXR.NO_COMPRESSION
+    assert_same_bits(read_layers(tmp_path / "a.exr"), layers)
+
+
+def test_letters_that_do_not_fit_are_refused(tmp_path, layers):
+    with pytest.raises(ValueError, match=r"'combined': expected \(H, W, 4\)"):
+        write_layers(tmp_path / "a.exr", layers, letters={"combined": "XYZW"})
+
+
 def test_metadata_is_in_the_header(tmp_path, layers):
     write_layers(tmp_path / "a.exr", layers, {"software": "ssgi 1.2.3"})
     assert OpenEXR.File(str(tmp_path / "a.exr")).header()["software"] == "ssgi 1.2.3"
