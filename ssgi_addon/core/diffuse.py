@@ -113,6 +113,7 @@ def sample_hemispheres(
     settings: Settings,
     pixel: IntArray,
     advance: parallel.Advance | None = None,
+    pattern: IntArray | None = None,
 ) -> DiffuseSamples:
     """Sample the hemispheres above the given pixels and sum what they bring.
 
@@ -132,6 +133,8 @@ def sample_hemispheres(
         Flat indices of the view's pixels to sample.
     advance
         Called with the finished fraction.
+    pattern : (P,)
+        Pixels whose directions each takes; None means its own. Slices always take their own.
     """
     environment = scene.environment_for(home, environment)
     if settings.diffuse.method in SLICED:
@@ -154,9 +157,10 @@ def sample_hemispheres(
         if advance is not None:
             advance((block[0] + fraction * block.size) / count)
 
+    pattern = pixel if pattern is None else pattern
     blocks = parallel.split(np.arange(count), max(1, parallel.RAYS_AT_ONCE // 2 // rays))
     for block in blocks:
-        _sample_block(scene, home, source, environment, settings, samples, block, advanced)
+        _sample_block(scene, home, source, environment, settings, samples, pattern, block, advanced)
     return samples
 
 
@@ -167,19 +171,20 @@ def _sample_block(
     environment: Environment | None,
     settings: Settings,
     samples: HemisphereSamples,
+    pattern: IntArray,
     block: IntArray,
     advance: parallel.Advance,
 ) -> None:
     """Draw, trace and sum the rays of a run of sampled pixels."""
     gbuffer, camera = scene.views[home].layers[0], scene.views[home].camera
     rays, dtype, threads = settings.diffuse.rays, gbuffer.depth.dtype, settings.threads
-    pixel = samples.pixel.take(block)
+    pixel, pattern = samples.pixel.take(block), pattern.take(block)
     origin, direction = np.empty((2, 3, rays, block.size), dtype=dtype)
 
     def draw(slots: IntArray) -> None:
         where, part = slice(slots[0], slots[-1] + 1), pixel.take(slots)
         point, normal = surface_points(gbuffer, camera, part)
-        u, v = sample_square(part, camera.width, rays, settings.seed, dtype)
+        u, v = sample_square(pattern.take(slots), camera.width, rays, settings.seed, dtype)
         direction[:, :, where] = cosine_directions(u, v, normal)
         origin[:, :, where] = point[:, None]
 

@@ -16,12 +16,13 @@ import numpy as np
 
 from . import ggx, parallel, tracer
 from .answers import Answers
+from .cells import STRIDES, grid_shape
 from .environment import Environment
 from .frame_points import surface_points, toward_camera
 from .hit_colors import HitColors
 from .light import luminance
 from .lobes import Lobes
-from .resolve import LobeSums, RayGrid, grid_shape, keep, resolve
+from .resolve import LobeSums, RayGrid, keep, resolve
 from .sampling import sample_square
 from .scene import TraceScene
 from .settings import ReflectionSettings, Settings
@@ -29,7 +30,6 @@ from .types import BoolArray, FloatArray, IntArray
 
 # Reflection rays have another shift of the sequence than diffuse rays.
 _SEED_OFFSET = 0x5351
-STRIDES = {"full": 1, "half": 2, "quarter": 4}
 # Rougher lobes are so wide that a pixel's neighbours see the same: a ray for every 2 x 2 pixels.
 ROUGH = 0.4
 # Where not every pixel has rays, each takes those of its own cell and of at least so many others.

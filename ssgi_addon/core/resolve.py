@@ -16,6 +16,7 @@ import numpy as np
 
 from . import parallel
 from .camera import Camera
+from .cells import chosen_pixels, grid_shape
 from .frame_points import surface_points, toward_camera
 from .gbuffer import GBuffer
 from .light import luminance
@@ -67,7 +68,7 @@ class RayGrid:
     ) -> None:
         rows, self.columns = grid_shape(is_active.shape, stride)
         self.stride, self.top, self.bottom = stride, top, bottom
-        self.cells, self.pixel = _chosen_pixels(
+        self.cells, self.pixel = chosen_pixels(
             is_active, stride, max(0, top - MARGIN), min(rows, bottom + MARGIN)
         )
         shape = (bottom - top + 2 * MARGIN, self.columns + 2 * MARGIN)
@@ -115,30 +116,6 @@ class RayGrid:
         self.radiance[ray].reshape(3, -1)[:, places] = radiance.T
         self.known[ray].reshape(-1)[places] = known
         self.is_hidden[ray].reshape(-1)[places] = is_hidden
-
-
-def grid_shape(shape: tuple[int, ...], stride: int) -> tuple[int, int]:
-    """Return rows and columns of the cells that cover an image."""
-    return -(-shape[0] // stride), -(-shape[1] // stride)
-
-
-def _chosen_pixels(is_active: BoolArray, stride: int, first: int, last: int) -> tuple[IntArray, IntArray]:
-    """Return the cells of some rows that have active pixels, and one such pixel of each."""
-    height, width = is_active.shape
-    columns = grid_shape(is_active.shape, stride)[1]
-    cell_y, cell_x = np.mgrid[first:last, 0:columns]
-    # A diagonal walk over the cell's pixels, so that neighbouring cells choose different ones
-    turn = cell_x + 2 * cell_y
-    chosen = np.full(cell_x.shape, -1, dtype=np.int64)
-    for step in range(stride * stride):
-        number = (turn + step) % (stride * stride)
-        y, x = cell_y * stride + number // stride, cell_x * stride + number % stride
-        inside = (y < height) & (x < width)
-        pixel = np.where(inside, y * width + x, 0)
-        is_free = (chosen < 0) & inside & is_active.reshape(-1).take(pixel)
-        chosen[is_free] = pixel[is_free]
-    taken = np.flatnonzero(chosen.reshape(-1) >= 0)
-    return taken + first * columns, chosen.reshape(-1).take(taken)
 
 
 class LobeSums:
