@@ -247,7 +247,8 @@ class DiffusePass:
             return self._filter(home, parts, self.pixels[home], variance, geometric_levels)
         if self.settings.diffuse.filter:
             parts = self.grids[home].filter(
-                view.layers[0], view.camera, parts, variance, _LEVELS, self.settings.threads, geometric_levels
+                view.layers[0], view.camera, parts, variance, _LEVELS, self.settings.threads,
+                GEOMETRIC_LEVELS - geometric_levels,
             )
         return self._spread(home, parts)
 

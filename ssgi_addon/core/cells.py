@@ -24,7 +24,7 @@ def chosen_pixels(is_active: BoolArray, stride: int, first: int, last: int) -> t
     is_active : (H, W)
         The pixels that can be chosen.
     stride
-        Pixels per cell and axis.
+        Pixels per cell and axis, a power of two.
     first, last
         First row of cells, and the one after the last.
 
@@ -35,12 +35,15 @@ def chosen_pixels(is_active: BoolArray, stride: int, first: int, last: int) -> t
     """
     height, width = is_active.shape
     columns = grid_shape(is_active.shape, stride)[1]
+    if stride == 1:
+        active = np.flatnonzero(is_active[first:last]) + first * columns
+        return active, active
     chosen = np.full((last - first) * columns, -1, dtype=np.int64)
     left = np.arange(chosen.size)
     for step in range(stride * stride):
         cell_y, cell_x = np.divmod(left + first * columns, columns)
         # A diagonal walk over the cell's pixels, so that neighbouring cells choose different ones
-        number = (cell_x + 2 * cell_y + step) % (stride * stride)
+        number = (cell_x + 2 * cell_y + step) & (stride * stride - 1)
         y, x = cell_y * stride + number // stride, cell_x * stride + number % stride
         inside = (y < height) & (x < width)
         pixel = np.where(inside, y * width + x, 0)

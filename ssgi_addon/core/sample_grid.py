@@ -3,7 +3,8 @@
 
 After Kopf, Cohen, Lischinski and Uyttendaele 2007, "Joint Bilateral Upsampling": a pixel takes the samples of
 the four cells around it by its place between them, by their distance from its tangent plane and by normal.
-What has no sample on its own surface (thin things, rims) gets one of its own, at its own pixel.
+What has no sample on its own surface (thin things, rims) is given some of its own: another one of its cell, and
+what even then is left, one at its own pixel.
 """
 
 from __future__ import annotations
@@ -24,9 +25,13 @@ from .types import FloatArray, IntArray
 # A sample one cell's footprint times this off the pixel's tangent plane no longer counts.
 _PLANE_WIDTH = 1.0
 # The cosine between normals counts to the power of 2 to this.
-_NORMAL_SQUARINGS = 5
+_NORMAL_SQUARINGS = 3
 # Pixels whose samples weigh less than this together have none on their own surface.
 _LEAST_WEIGHT = 0.05
+# Samples per cell, each for what the ones before it are no samples of.
+_LAYERS = 2
+# Pixels that receive at a time: what is read and written for them stays in the cache.
+_PIXELS_PER_TASK = 16384
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,10 +44,11 @@ class SampleGrid:
         Rows and columns of cells.
     stride
         Pixels per cell and axis.
-    cells : (G,) int64
-        Flat indices of the cells that have samples.
+    layers
+        Flat indices of the cells (G,) that have samples; then of those that have another one, for what the
+        first is no sample of; and so on.
     pixel : (S,) int64
-        Flat indices of the sampled pixels: one per cell, then those that have a sample of their own.
+        Flat indices of the sampled pixels: one per cell of each layer, then those that have a sample alone.
     pattern : (S,) int64
         Pixels whose sampling pattern each takes: neighbouring cells sample as evenly as neighbouring pixels.
     slot : (4, P) int32
@@ -55,7 +61,7 @@ class SampleGrid:
 
     shape: tuple[int, int]
     stride: int
-    cells: IntArray
+    layers: tuple[IntArray, ...]
     pixel: IntArray
     pattern: IntArray
     slot: np.ndarray
@@ -79,34 +85,41 @@ class SampleGrid:
         threads
             Worker threads.
         """
-        shape = grid_shape(gbuffer.shape, stride)
-        is_receiver = np.zeros(gbuffer.shape, dtype=np.bool_)
-        is_receiver.reshape(-1)[receivers] = True
-        cells, pixel = chosen_pixels(is_receiver, stride, 0, shape[0])
-        samples = _CellSamples.of(gbuffer, camera, cells, pixel, stride)
-        slot = np.empty((4, receivers.size), dtype=np.int32)
-        weight = np.empty((4, receivers.size), dtype=gbuffer.depth.dtype)
-        nearest = np.empty(receivers.size, dtype=np.int32)
-        lacking = np.zeros(receivers.size, dtype=np.bool_)
+        shape, width = grid_shape(gbuffer.shape, stride), gbuffer.shape[1]
+        slot = np.zeros((4, receivers.size), dtype=np.int32)
+        weight = np.zeros((4, receivers.size), dtype=gbuffer.depth.dtype)
+        layers: list[IntArray] = []
+        chosen: list[IntArray] = []
+        pattern: list[IntArray] = []
+        left, count = np.arange(receivers.size), 0
+        while left.size and len(layers) < _LAYERS:
+            lacking = np.zeros(gbuffer.shape, dtype=np.bool_)
+            lacking.reshape(-1)[receivers.take(left)] = True
+            cells, pixel = chosen_pixels(lacking, stride, 0, shape[0])
+            samples = _Layer.of(gbuffer, camera, cells, pixel, stride)
+            is_answered = np.zeros(left.size, dtype=np.bool_)
 
-        def work(slots: IntArray) -> None:
-            where = slice(slots[0], slots[-1] + 1)
-            slot[:, where], weight[:, where] = samples.around(receivers[where])
-            total = weight[:, where].sum(axis=0)
-            lacking[where] = total < _LEAST_WEIGHT
-            weight[:, where] *= 1.0 / np.maximum(total, _LEAST_WEIGHT)
-            most = weight[:, where].argmax(axis=0)
-            nearest[where] = np.take_along_axis(slot[:, where], most[None], axis=0)[0]
+            def work(slots: IntArray, samples: _Layer = samples, first: int = count) -> None:
+                own = left[slots]
+                number, share = samples.around(receivers.take(own))
+                total = share.sum(axis=0)
+                share *= 1.0 / np.maximum(total, _LEAST_WEIGHT)
+                slot[:, own], weight[:, own] = number + np.int32(first), share
+                is_answered[slots] = total >= _LEAST_WEIGHT
 
-        parallel.run_chunks(work, parallel.split(np.arange(receivers.size), parallel.RAYS_PER_TASK), threads)
-        alone = np.flatnonzero(lacking)
-        own = np.arange(cells.size, cells.size + alone.size, dtype=np.int32)
-        slot[:, alone], nearest[alone] = own, own
-        weight[:, alone] = np.array([[1.0], [0.0], [0.0], [0.0]])
-        row, column = np.divmod(cells, shape[1])
-        pattern = np.concatenate([row * gbuffer.shape[1] + column, receivers.take(alone)])
-        pixel = np.concatenate([pixel, receivers.take(alone)])
-        return cls(shape, stride, cells, pixel, pattern, slot, weight, nearest)
+            parallel.run_chunks(work, parallel.split(np.arange(left.size), _PIXELS_PER_TASK), threads)
+            layers.append(cells)
+            chosen.append(pixel)
+            pattern.append(cells // shape[1] * width + cells % shape[1])
+            left, count = left[~is_answered], count + cells.size
+        slot[:, left] = np.arange(count, count + left.size)
+        weight[:, left] = np.array([[1.0], [0.0], [0.0], [0.0]])
+        alone = receivers.take(left)
+        nearest = np.take_along_axis(slot, weight.argmax(axis=0)[None], axis=0)[0]
+        return cls(
+            shape, stride, tuple(layers), np.concatenate([*chosen, alone]), np.concatenate([*pattern, alone]),
+            slot, weight, nearest,
+        )  # fmt: skip
 
     def filter(
         self,
@@ -116,22 +129,42 @@ class SampleGrid:
         variance: FloatArray,
         levels: int,
         threads: int | None,
-        geometric_levels: int,
+        luminance_levels: int,
     ) -> list[FloatArray]:
-        """Smooth the samples of the cells among each other, as `denoise.filter_light`.
+        """Smooth the samples of cells among each other, as `denoise.filter_light`.
 
-        Passes that reach less than a cell are left out; samples of single pixels stay as they are.
+        Passes that reach less than a cell are left out, and one that reaches farther takes their place: there
+        are fewer samples. Samples of single pixels stay as they are.
+
+        Parameters
+        ----------
+        gbuffer, camera
+            The view.
+        parts : (S, C) each
+            Light to smooth.
+        variance : (S,)
+            Of the luminance of the first part.
+        levels
+            Passes of the filter at full resolution.
+        threads
+            Worker threads.
+        luminance_levels
+            The last passes, which look at luminance.
         """
-        finer = self.stride.bit_length() - 1
-        count = self.cells.size
-        alone = [part[count:] for part in parts]
-        position, normal = surface_points(gbuffer, camera, self.pixel[:count])
-        smooth = filter_points(
-            self.shape, (position, normal), max(camera.fx, camera.fy) / self.stride, camera.is_orthographic,
-            self.cells, [part[:count] for part in parts], variance[:count], max(levels - finer, 1), threads,
-            max(geometric_levels - finer, 0),
-        )  # fmt: skip
-        return [np.concatenate(both) for both in zip(smooth, alone, strict=True)]
+        passes = levels + 2 - self.stride.bit_length()
+        position, normal = surface_points(gbuffer, camera, self.pixel)
+        per_footprint, first = max(camera.fx, camera.fy) / self.stride, 0
+        smooth = [part.copy() for part in parts]
+        for cells in self.layers:
+            own = slice(first, first + cells.size)
+            found = filter_points(
+                self.shape, (position[:, own], normal[:, own]), per_footprint, camera.is_orthographic, cells,
+                [part[own] for part in parts], variance[own], passes, threads, passes - luminance_levels,
+            )  # fmt: skip
+            for part, values in zip(smooth, found, strict=True):
+                part[own] = values
+            first = own.stop
+        return smooth
 
     def spread(self, parts: Iterable[FloatArray], threads: int | None) -> list[FloatArray]:
         """Return what the samples' values (S, C) or (S,) are at all receiving pixels, (P, C) or (P,)."""
@@ -151,14 +184,14 @@ class SampleGrid:
                 total += value
             spread[where] = total
 
-        chunks = parallel.split(np.arange(spread.shape[0]), parallel.RAYS_PER_TASK)
+        chunks = parallel.split(np.arange(spread.shape[0]), _PIXELS_PER_TASK)
         parallel.run_chunks(work, chunks, threads)
         return spread
 
 
 @dataclass(frozen=True, eq=False)
-class _CellSamples:
-    """The sampled pixels of cells, as points of the grid with a border of nothing around it."""
+class _Layer:
+    """One sampled pixel of some cells, as points of the grid with a border of nothing around it."""
 
     gbuffer: GBuffer
     camera: Camera
@@ -170,7 +203,7 @@ class _CellSamples:
     @classmethod
     def of(
         cls, gbuffer: GBuffer, camera: Camera, cells: IntArray, pixel: IntArray, stride: int
-    ) -> _CellSamples:
+    ) -> _Layer:
         rows, columns = grid_shape(gbuffer.shape, stride)
         row, column = np.divmod(cells, columns)
         place = (row + 1) * (columns + 2) + column + 1
