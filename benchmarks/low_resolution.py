@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What light at lower resolution costs and what it is worth, against Cycles: resolution x rays x bounces.
 
-The picture is direct light with diffuse and glossy indirect light; its relMSE is relative to no indirect light
-at all and free of the noise of Cycles' light. All variants of a scene are timed in turn, several rounds; seconds
-are of the best round, ratios those to the first variant. Run from the repository's root:
+The picture is direct light with diffuse and glossy indirect light; its relMSE is relative to no indirect
+light at all and free of the noise of Cycles' light. All variants of a scene are timed in turn, several rounds;
+seconds are of the best round, ratios (of wall time, and of processor time) those to the first variant. Run from
+the repository's root:
 
     python -m benchmarks.low_resolution [--scenes bathroom ...] [--configurations frame fill]
         [--variants "full 1 3 full" "quarter 4 3 half tiers"] [--rounds 3] [--output FILE.json]
@@ -37,9 +38,10 @@ VARIANTS = (
     "full 1 3 full",
     "half 1 3 full", "half 2 3 full", "half 4 3 full",
     "quarter 1 3 full", "quarter 2 3 full", "quarter 4 3 full", "quarter 8 3 full",
-    "quarter 4 1 full", "quarter 4 2 full", "quarter 4 4 full", "quarter 4 6 full",
-    "full 1 3 half tiers", "quarter 4 3 half tiers", "quarter 2 3 half tiers", "quarter 2 3 quarter",
-    "quarter 2 3 quarter reuse=3", "quarter 2 3 half tiers reuse=3 steps=64", "half 2 3 half tiers reuse=3",
+    "quarter 4 1 full", "quarter 4 2 full", "quarter 4 6 full",
+    "full 1 3 half tiers", "full 1 3 quarter",
+    "quarter 2 3 half tiers", "quarter 2 3 quarter", "quarter 2 3 half tiers reuse=3 steps=96",
+    "quarter 4 3 half tiers reuse=3 steps=96", "quarter 4 6 half tiers reuse=3 steps=96",
 )  # fmt: skip
 _SIZE, _SAMPLES = (480, 270), 128
 
@@ -52,8 +54,8 @@ class Score:
     ----------
     diffuse, picture
         relMSE of the diffuse light, over surfaces with a diffuse colour, and of the picture.
-    seconds
-        Of `render_indirect`, best round; `steps` are its parts.
+    seconds, processor
+        Of `render_indirect`, best round: wall time, and that of all threads; `steps` are parts of the former.
     rays
         Traced by each pass.
     """
@@ -64,6 +66,7 @@ class Score:
     diffuse: float
     picture: float
     seconds: float
+    processor: float
     steps: dict[str, float]
     rays: dict[str, int]
 
@@ -87,20 +90,26 @@ def settings_of(text: str) -> Settings:
 
 
 def measure(
-    name: str, frame: CapturedFrame, truth: CyclesTruth, configuration: str, variants: Sequence[str], rounds: int
+    name: str,
+    frame: CapturedFrame,
+    truth: CyclesTruth,
+    configuration: str,
+    variants: Sequence[str],
+    rounds: int,
 ) -> Iterator[Score]:
     """Yield the scores of all variants on one scene."""
     used = CONFIGURATIONS[configuration].of(frame)
     lights: dict[str, IndirectLight] = {}
-    seconds = dict.fromkeys(variants, np.inf)
+    seconds, processor = dict.fromkeys(variants, np.inf), dict.fromkeys(variants, np.inf)
     for _ in range(rounds):
         for text in variants:
             settings = settings_of(text)
-            start = time.perf_counter()
+            start, busy = time.perf_counter(), time.process_time()
             light = render_indirect(
                 used.gbuffer, used.camera, settings, used.environment, used.views, fill=used.fill
             )
             spent = time.perf_counter() - start
+            processor[text] = min(processor[text], time.process_time() - busy)
             if spent < seconds[text]:
                 seconds[text], lights[text] = spent, light
     gbuffer = used.gbuffer
@@ -118,22 +127,24 @@ def measure(
         diffuse = relmse_without_noise(light.diffuse, truth.diffuse_halves, counts) / dark
         picture = relmse_without_noise(composite(gbuffer, light), pictures, everywhere) / direct
         yield Score(
-            name, configuration, text, diffuse, picture, seconds[text], dict(light.seconds), dict(light.rays)
-        )
+            name, configuration, text, diffuse, picture, seconds[text], processor[text], dict(light.seconds),
+            dict(light.rays),
+        )  # fmt: skip
 
 
 def overall(scores: Sequence[Score]) -> dict[str, dict[str, dict[str, float]]]:
-    """Return, by configuration and variant, geometric means: of seconds, of their ratio, and of errors."""
+    """Return, by configuration and variant, geometric means: of seconds, of ratios of time, and of errors."""
     found: dict[str, dict[str, dict[str, float]]] = {}
     for configuration in dict.fromkeys(score.configuration for score in scores):
         own = [score for score in scores if score.configuration == configuration]
-        first = {score.scene: score.seconds for score in own if score.variant == own[0].variant}
+        first = {score.scene: score for score in own if score.variant == own[0].variant}
         found[configuration] = {}
         for text in dict.fromkeys(score.variant for score in own):
             rows = [score for score in own if score.variant == text]
             found[configuration][text] = {
                 "seconds": geometric_mean([row.seconds for row in rows]),
-                "ratio": geometric_mean([row.seconds / first[row.scene] for row in rows]),
+                "ratio": geometric_mean([row.seconds / first[row.scene].seconds for row in rows]),
+                "processor": geometric_mean([row.processor / first[row.scene].processor for row in rows]),
                 "diffuse": geometric_mean([max(row.diffuse, LEAST_ERROR) for row in rows]),
                 "picture": geometric_mean([max(row.picture, LEAST_ERROR) for row in rows]),
             }
@@ -153,9 +164,7 @@ def main() -> None:
     for name in arguments.scenes:
         frame, truth = wide_frame(name, _SIZE), cycles_truth(name, _SIZE, _SAMPLES)
         for configuration in arguments.configurations:
-            found = list(
-                measure(name, frame, truth, configuration, arguments.variants, arguments.rounds)
-            )
+            found = list(measure(name, frame, truth, configuration, arguments.variants, arguments.rounds))
             scores += found
             for one in found:
                 print(
@@ -166,13 +175,15 @@ def main() -> None:
     figures = overall(scores)
     for configuration, rows in figures.items():
         print(f"\n{configuration}, geometric means")
-        print(f"{'':42}{'seconds':>9}{'ratio':>7}{'diffuse':>9}{'picture':>9}")
+        print(f"{'':42}{'seconds':>9}{'ratio':>7}{'processor':>11}{'diffuse':>9}{'picture':>9}")
         for text, row in rows.items():
             print(
-                f"{text:42}{row['seconds']:9.3f}{row['ratio']:7.2f}{row['diffuse']:9.4f}{row['picture']:9.4f}"
+                f"{text:42}{row['seconds']:9.3f}{row['ratio']:7.2f}{row['processor']:11.2f}{row['diffuse']:9.4f}{row['picture']:9.4f}"
             )
     if arguments.output:
-        parameters = {key: getattr(arguments, key) for key in ("scenes", "configurations", "variants", "rounds")}
+        parameters = {
+            key: getattr(arguments, key) for key in ("scenes", "configurations", "variants", "rounds")
+        }
         results = {"overall": figures, "scores": [asdict(score) for score in scores]}
         record.store(arguments.output, parameters, results)
 

@@ -124,7 +124,8 @@ class DiffusePass:
         del source, samples
         self.samples.clear()
         parts = self._smooth(0, parts, blind)
-        radiance, visibility, environment = *parts, *([dark] if len(parts) < 3 else [])
+        radiance, visibility = parts[:2]
+        environment = parts[2] if len(parts) > 2 else dark
         if self.bright_sky is not None:
             radiance, environment = radiance + self.bright[0], environment + self.bright[0]
         return DiffuseLight(radiance, environment, np.minimum(visibility[:, 0], 1.0), known)
@@ -183,7 +184,7 @@ class DiffusePass:
         lights = {home: self._filled(samples, samples.bounce) for home, samples in self.samples.items()}
         handed_on = source.copy()
         for bounce in range(2, bounces + 1):
-            for home, samples in self.samples.items():
+            for home in self.samples:
                 self._hand_on(home, lights[home], source, handed_on)
             before = float(lights[0].sum(dtype=np.float64))
             if self.is_reflected:
@@ -247,7 +248,12 @@ class DiffusePass:
             return self._filter(home, parts, self.pixels[home], variance, geometric_levels)
         if self.settings.diffuse.filter:
             parts = self.grids[home].filter(
-                view.layers[0], view.camera, parts, variance, _LEVELS, self.settings.threads,
+                view.layers[0],
+                view.camera,
+                parts,
+                variance,
+                _LEVELS,
+                self.settings.threads,
                 GEOMETRIC_LEVELS - geometric_levels,
             )
         return self._spread(home, parts)

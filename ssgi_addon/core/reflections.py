@@ -202,7 +202,7 @@ class _Reflection:
         return _Rays(tier, grid, origin.reshape(3, -1), direction.reshape(3, -1), spread)
 
     def _shade_grid(self, rays: _Rays, answers: Answers, begin: int) -> None:
-        """Store what the rays of a grid found; the first of them is number `begin` of all that were traced."""
+        """Store what the rays of a grid found; the first is number `begin` of all that were traced."""
         grid, (count, size) = rays.grid, rays.spread.shape
 
         def shade(slots: IntArray) -> None:

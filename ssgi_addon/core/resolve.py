@@ -263,9 +263,7 @@ class _Receivers:
         return cls(position, lobes, max(camera.fx, camera.fy) / scale)
 
 
-def _borrow(
-    grid: RayGrid, band: _Receivers, there: IntArray, per_pixel: FloatArray, sums: LobeSums
-) -> None:
+def _borrow(grid: RayGrid, band: _Receivers, there: IntArray, per_pixel: FloatArray, sums: LobeSums) -> None:
     """Add the rays of one cell per receiver, which stand at the given places (N,), to the receivers' sums."""
     apart = grid.position.reshape(3, -1).take(there, axis=1)
     apart -= band.position

@@ -3,8 +3,8 @@
 
 After Kopf, Cohen, Lischinski and Uyttendaele 2007, "Joint Bilateral Upsampling": a pixel takes the samples of
 the four cells around it by its place between them, by their distance from its tangent plane and by normal.
-What has no sample on its own surface (thin things, rims) is given some of its own: another one of its cell, and
-what even then is left, one at its own pixel.
+What has no sample on its own surface (thin things, rims) is given some of its own: another one of its cell,
+and what even then is left, one at its own pixel.
 """
 
 from __future__ import annotations
@@ -96,18 +96,8 @@ class SampleGrid:
             lacking = np.zeros(gbuffer.shape, dtype=np.bool_)
             lacking.reshape(-1)[receivers.take(left)] = True
             cells, pixel = chosen_pixels(lacking, stride, 0, shape[0])
-            samples = _Layer.of(gbuffer, camera, cells, pixel, stride)
-            is_answered = np.zeros(left.size, dtype=np.bool_)
-
-            def work(slots: IntArray, samples: _Layer = samples, first: int = count) -> None:
-                own = left[slots]
-                number, share = samples.around(receivers.take(own))
-                total = share.sum(axis=0)
-                share *= 1.0 / np.maximum(total, _LEAST_WEIGHT)
-                slot[:, own], weight[:, own] = number + np.int32(first), share
-                is_answered[slots] = total >= _LEAST_WEIGHT
-
-            parallel.run_chunks(work, parallel.split(np.arange(left.size), _PIXELS_PER_TASK), threads)
+            samples = _Layer.of(gbuffer, camera, cells, pixel, stride, first=count)
+            is_answered = samples.weigh(receivers, left, slot, weight, threads)
             layers.append(cells)
             chosen.append(pixel)
             pattern.append(cells // shape[1] * width + cells % shape[1])
@@ -202,18 +192,36 @@ class _Layer:
 
     @classmethod
     def of(
-        cls, gbuffer: GBuffer, camera: Camera, cells: IntArray, pixel: IntArray, stride: int
+        cls, gbuffer: GBuffer, camera: Camera, cells: IntArray, pixel: IntArray, stride: int, first: int
     ) -> _Layer:
+        """Return the layer of some cells' sampled pixels, which are numbered from `first` on."""
         rows, columns = grid_shape(gbuffer.shape, stride)
         row, column = np.divmod(cells, columns)
         place = (row + 1) * (columns + 2) + column + 1
         number = np.zeros((rows + 2) * (columns + 2), dtype=np.int32)
-        number[place] = np.arange(cells.size)
+        number[place] = np.arange(first, first + cells.size)
         # A normal of nothing is like no other
         points = np.zeros((6, number.size), dtype=gbuffer.depth.dtype)
         position, normal = surface_points(gbuffer, camera, pixel)
         points[:3, place], points[3:, place] = position, normal
         return cls(gbuffer, camera, stride, columns + 2, number, points)
+
+    def weigh(
+        self, receivers: IntArray, left: IntArray, slot: np.ndarray, weight: FloatArray, threads: int | None
+    ) -> np.ndarray:
+        """Set samples and weights (4, P) of the receivers that are left; return which have enough (L,)."""
+        is_answered = np.zeros(left.size, dtype=np.bool_)
+
+        def work(slots: IntArray) -> None:
+            own = left[slots]
+            number, share = self.around(receivers.take(own))
+            total = share.sum(axis=0)
+            share *= 1.0 / np.maximum(total, _LEAST_WEIGHT)
+            slot[:, own], weight[:, own] = number, share
+            is_answered[slots] = total >= _LEAST_WEIGHT
+
+        parallel.run_chunks(work, parallel.split(np.arange(left.size), _PIXELS_PER_TASK), threads)
+        return is_answered
 
     def around(self, pixel: IntArray) -> tuple[np.ndarray, FloatArray]:
         """Return the samples (4, N) of the cells around pixels, and their weights (4, N)."""
