@@ -150,7 +150,7 @@ class DiffusePass:
     ) -> DiffuseSamples:
         self.pixels[home] = pixel
         stride, pattern, sampled = STRIDES[settings.diffuse.resolution], None, pixel
-        if stride > 1 and settings.diffuse.method not in SLICED:
+        if stride > 1 and self.settings.diffuse.method not in SLICED:
             view = self.scene.views[home]
             grid = SampleGrid.of(view.layers[0], view.camera, pixel, stride, settings.threads)
             self.grids[home], sampled, pattern = grid, grid.pixel, grid.pattern
