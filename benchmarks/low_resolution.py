@@ -2,9 +2,9 @@
 """What light at lower resolution costs and what it is worth, against Cycles: resolution x rays x bounces.
 
 The picture is direct light with diffuse and glossy indirect light; its relMSE is relative to no indirect
-light at all and free of the noise of Cycles' light. All variants of a scene are timed in turn, several rounds;
-seconds are of the best round, ratios (of wall time, and of processor time) those to the first variant. Run from
-the repository's root:
+light at all and free of the noise of Cycles' light. All variants of a scene are timed in turn, several
+rounds; seconds are of the best round, ratios (of wall time, and of processor time) those to the first
+variant. Run from the repository's root:
 
     python -m benchmarks.low_resolution [--scenes bathroom ...] [--configurations frame fill]
         [--variants "full 1 3 full" "quarter 4 3 half tiers"] [--rounds 3] [--output FILE.json]
