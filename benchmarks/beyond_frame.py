@@ -39,7 +39,7 @@ from ssgi_addon.frame import CapturedFrame
 
 RAYS_PRESET = "final"
 # Relative errors below this, or below 0, are noise: they count as this in means.
-_LEAST = 1e-3
+LEAST_ERROR = 1e-3
 
 
 @dataclass(frozen=True)
@@ -213,7 +213,7 @@ def overall(scores: Sequence[Score]) -> dict[str, dict[str, float | None]]:
         lights = [score.light for score in own if score.light is not None]
         if lights:
             for key in ("diffuse", "picture"):
-                found[name][key] = geometric_mean([max(getattr(light, key), _LEAST) for light in lights])
+                found[name][key] = geometric_mean([max(getattr(light, key), LEAST_ERROR) for light in lights])
     return found
 
 

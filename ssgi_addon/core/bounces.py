@@ -11,13 +11,16 @@ import numpy as np
 from . import parallel
 from .adaptive import is_adaptive, sample_adaptively
 from .bright_sky import BrightSky, light_from_bright_sky
+from .cells import STRIDES
 from .denoise import GEOMETRIC_LEVELS, filter_light
 from .diffuse import DiffuseSamples, sample_hemispheres
 from .environment import Environment
 from .light import fill_unknown
 from .planner import is_colored
+from .sample_grid import SampleGrid
 from .scene import TraceScene
 from .settings import Settings
+from .slice_samples import SLICED
 from .types import FloatArray, IntArray
 
 _LEVELS = 4
@@ -93,9 +96,12 @@ class DiffusePass:
         self.scene, self.settings, self.environment = scene, settings, environment
         self.bright_sky, self.part, self.is_reflected = bright_sky, part, is_reflected
         self.rays: dict[str, int] = {}
-        # By view: samples, their pixels and variance, light of the bright sky and of all bounces but the last
+        # By view: the pixels that need light, and where samples are if not at all of them; samples, their
+        # variance, light of the bright sky and of all bounces but the last
+        self.pixels: dict[int, IntArray] = {}
+        self.grids: dict[int, SampleGrid] = {}
         self.samples: dict[int, DiffuseSamples] = {}
-        self.noise: dict[int, tuple[IntArray, FloatArray]] = {}
+        self.variance: dict[int, FloatArray] = {}
         self.bright: dict[int, FloatArray] = {}
         self.earlier: dict[int, FloatArray] = {}
 
@@ -109,15 +115,16 @@ class DiffusePass:
         parts = [self._bounce(source), samples.visibility[:, None]]
         if self.environment is not None:
             parts.append(samples.environment)
-        known, dark = samples.known, np.zeros_like(samples.environment)
+        known = self._spread(0, [samples.known])[0]
+        dark = np.zeros((pixel.size, 3), dtype=self.scene.dtype)
         blind = geometric_levels(samples)
-        self.noise = {home: (of.pixel, of.variance) for home, of in self.samples.items()}
+        self.variance = {home: of.variance for home, of in self.samples.items()}
         # What nobody needs any more makes room for the filter
         del source, samples
         self.samples.clear()
-        if settings.diffuse.filter:
-            parts = self._filter(0, parts, *self.noise[0], blind)
-        radiance, visibility, environment = *parts, *([dark] if len(parts) < 3 else [])
+        parts = self._smooth(0, parts, blind)
+        radiance, visibility = parts[:2]
+        environment = parts[2] if len(parts) > 2 else dark
         if self.bright_sky is not None:
             radiance, environment = radiance + self.bright[0], environment + self.bright[0]
         return DiffuseLight(radiance, environment, np.minimum(visibility[:, 0], 1.0), known)
@@ -126,12 +133,10 @@ class DiffusePass:
         """Return the diffuse light (texels + 1, 3) of all bounces but the last, smoothed: mirrors show it."""
         table = np.zeros((self.scene.texels + 1, 3), dtype=self.scene.dtype)
         for home, light in self.earlier.items():
-            pixel, variance = self.noise[home]
-            if self.settings.diffuse.filter:
-                (light,) = self._filter(home, [light], pixel, variance)
+            (light,) = self._smooth(home, [light], GEOMETRIC_LEVELS)
             if self.bright_sky is not None:
                 light = light + self.bright[home]
-            table[self.scene.front_texels(home)][pixel] = light
+            table[self.scene.front_texels(home)][self.pixels[home]] = light
         return table
 
     def _sample(
@@ -142,12 +147,18 @@ class DiffusePass:
         pixel: IntArray,
         advance: parallel.Advance | None = None,
     ) -> DiffuseSamples:
-        given = (source, self.environment, settings, pixel, advance)
+        self.pixels[home] = pixel
+        stride, pattern, sampled = STRIDES[settings.diffuse.resolution], None, pixel
+        if stride > 1 and self.settings.diffuse.method not in SLICED:
+            view = self.scene.views[home]
+            grid = SampleGrid.of(view.layers[0], view.camera, pixel, stride, settings.threads)
+            self.grids[home], sampled, pattern = grid, grid.pixel, grid.pattern
+        given = (source, self.environment, settings, sampled, advance)
         samples: DiffuseSamples
-        if home == 0 and is_adaptive(settings):
+        if home == 0 and stride == 1 and is_adaptive(settings):
             samples = sample_adaptively(self.scene, *given)
         else:
-            samples = sample_hemispheres(self.scene, home, *given)
+            samples = sample_hemispheres(self.scene, home, *given, pattern)
         self.samples[home] = samples
         return samples
 
@@ -175,8 +186,8 @@ class DiffusePass:
         lights = {home: self._filled(samples, samples.bounce) for home, samples in self.samples.items()}
         handed_on = source.copy()
         for bounce in range(2, bounces + 1):
-            for home, samples in self.samples.items():
-                self._hand_on(home, samples, lights[home], source, handed_on)
+            for home in self.samples:
+                self._hand_on(home, lights[home], source, handed_on)
             before = float(lights[0].sum(dtype=np.float64))
             if self.is_reflected:
                 self.earlier = dict(lights)
@@ -189,23 +200,24 @@ class DiffusePass:
                 break
         return lights[0]
 
-    def _hand_on(
-        self, home: int, samples: DiffuseSamples, light: FloatArray, source: FloatArray, handed_on: FloatArray
-    ) -> None:
-        """Write what a view's pixels hand on once they have their light: source + albedo x light."""
+    def _hand_on(self, home: int, light: FloatArray, source: FloatArray, handed_on: FloatArray) -> None:
+        """Write what a view's pixels hand on once its samples have their light: source + albedo x light."""
         texels = self.scene.front_texels(home)
         albedo = self.scene.views[home].layers[0].bounce_albedo.reshape(-1, 3)
         source, handed_on = source[texels], handed_on[texels]
-        bright = self.bright.get(home)
+        bright, grid, pixels = self.bright.get(home), self.grids.get(home), self.pixels[home]
 
         def work(slots: IntArray) -> None:
             where = slice(slots[0], slots[-1] + 1)
-            pixel = samples.pixel[where]
-            received = light[where] if bright is None else light[where] + bright[where]
+            pixel = pixels[where]
+            received = light[where] if grid is None else light.take(grid.nearest[where], axis=0)
+            if bright is not None:
+                received = received + bright[where]
             handed_on[pixel] = source.take(pixel, axis=0) + albedo.take(pixel, axis=0) * received
 
-        chunks = parallel.split(np.arange(samples.pixel.size), parallel.RAYS_PER_TASK)
-        parallel.run_chunks(work, chunks, self.settings.threads)
+        parallel.run_chunks(
+            work, parallel.split(np.arange(pixels.size), parallel.RAYS_PER_TASK), self.settings.threads
+        )
 
     def _filled(self, samples: DiffuseSamples, bounce: FloatArray) -> FloatArray:
         answered = bounce + samples.environment
@@ -229,13 +241,37 @@ class DiffusePass:
         self.bright[home] = light
         self.rays["bright sky"] = self.rays.get("bright sky", 0) + found.rays
 
+    def _smooth(self, home: int, parts: list[FloatArray], geometric_levels: int) -> list[FloatArray]:
+        """Return the light of all pixels of a view from that of its samples, smoothed if it is to be."""
+        variance, view = self.variance[home], self.scene.views[home]
+        if home not in self.grids:
+            if not self.settings.diffuse.filter:
+                return parts
+            return self._filter(home, parts, self.pixels[home], variance, geometric_levels)
+        if self.settings.diffuse.filter:
+            parts = self.grids[home].filter(
+                view.layers[0],
+                view.camera,
+                parts,
+                variance,
+                _LEVELS,
+                self.settings.threads,
+                GEOMETRIC_LEVELS - geometric_levels,
+            )
+        return self._spread(home, parts)
+
+    def _spread(self, home: int, parts: list[FloatArray]) -> list[FloatArray]:
+        """Return values of all pixels of a view from those of its samples."""
+        grid = self.grids.get(home)
+        return parts if grid is None else grid.spread(parts, self.settings.threads)
+
     def _filter(
         self,
         home: int,
         parts: list[FloatArray],
         pixel: IntArray,
         variance: FloatArray,
-        geometric_levels: int = GEOMETRIC_LEVELS,
+        geometric_levels: int,
     ) -> list[FloatArray]:
         view = self.scene.views[home]
         return filter_light(

@@ -13,7 +13,7 @@ Rows that hold nothing to smooth cost nothing: a sky, or what only the deeper pa
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -75,18 +75,74 @@ def filter_light(
     list of (P, C)
         The smoothed parts; pixels with no level or no surface are unchanged.
     """
+
+    def guide_of(layout: PlaneLayout, takes_part: NDArray[np.bool_]) -> _Guide:
+        return _Guide.of(gbuffer, camera, layout, takes_part)
+
+    return _filter(gbuffer.shape, guide_of, pixel, parts, variance, levels, threads, geometric_levels)
+
+
+def filter_points(
+    shape: tuple[int, int],
+    points: tuple[FloatArray, FloatArray],
+    per_footprint: float,
+    is_orthographic: bool,
+    pixel: IntArray,
+    parts: list[FloatArray],
+    variance: FloatArray,
+    levels: int,
+    threads: int | None,
+    geometric_levels: int,
+) -> list[FloatArray]:
+    """Smooth noisy light of points that are laid out as an image, wherever within its pixels they lie.
+
+    Parameters
+    ----------
+    shape
+        Rows and columns.
+    points : (3, P) each
+        Positions and normals, view space.
+    per_footprint
+        1 / the size of such a pixel: at depth 1, orthographic at any.
+    is_orthographic
+        Pixels are as large everywhere.
+    pixel, parts, variance, levels, threads, geometric_levels
+        As in `filter_light`.
+    """
+
+    def guide_of(layout: PlaneLayout, takes_part: NDArray[np.bool_]) -> _Guide:
+        places, planes = layout.places(pixel), []
+        for values in points:
+            planes.append(np.zeros((3, layout.size), dtype=values.dtype))
+            planes[-1][:, places] = values
+        return _Guide(planes[0], planes[1] * takes_part, per_footprint, is_orthographic)
+
+    return _filter(shape, guide_of, pixel, parts, variance, levels, threads, geometric_levels)
+
+
+def _filter(
+    shape: tuple[int, int],
+    guide_of: Callable[[PlaneLayout, NDArray[np.bool_]], _Guide],
+    pixel: IntArray,
+    parts: list[FloatArray],
+    variance: FloatArray,
+    levels: NDArray[np.integer[Any]] | int,
+    threads: int | None,
+    geometric_levels: int,
+) -> list[FloatArray]:
+    """Lay the parts out as planes, smooth them, and return them as they came."""
     passes = int(np.max(levels, initial=0))
     if not (passes and pixel.size):
         return parts
-    takes_part = np.zeros(gbuffer.shape, dtype=np.bool_)
+    takes_part = np.zeros(shape, dtype=np.bool_)
     takes_part.reshape(-1)[pixel] = True
     # The noise around a pixel is a mean over a square that the box must not cut
     box = box_around(takes_part, _NOISE_RADIUS)
-    layout = PlaneLayout(gbuffer.shape[1], box, margin=1 << (passes - 1))
+    layout = PlaneLayout(shape[1], box, margin=1 << (passes - 1))
     widths = [part.shape[1] for part in parts]
     signal, noise, deepest = _planes(layout, pixel, parts, variance, levels)
     parts.clear()
-    guide = _Guide.of(gbuffer, camera, layout, deepest > 0)
+    guide = guide_of(layout, deepest > 0)
     # Two sets of planes in turn
     smooth, remaining = np.zeros_like(signal), np.zeros_like(noise)
     scratch = threading.local()

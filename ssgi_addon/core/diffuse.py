@@ -122,6 +122,7 @@ def sample_hemispheres(
     settings: Settings,
     pixel: IntArray,
     advance: parallel.Advance | None = None,
+    pattern: IntArray | None = None,
 ) -> DiffuseSamples:
     """Sample the hemispheres above the given pixels and sum what they bring.
 
@@ -141,6 +142,8 @@ def sample_hemispheres(
         Flat indices of the view's pixels to sample.
     advance
         Called with the finished fraction.
+    pattern : (P,)
+        Pixels whose directions each takes; None means its own. Slices always take their own.
     """
     environment = scene.environment_for(home, environment)
     if settings.diffuse.method in SLICED:
@@ -162,9 +165,10 @@ def sample_hemispheres(
         if advance is not None:
             advance((block[0] + fraction * block.size) / count)
 
+    pattern = pixel if pattern is None else pattern
     blocks = parallel.split(np.arange(count), max(1, parallel.RAYS_AT_ONCE // 2 // rays))
     for block in blocks:
-        _sample_block(scene, home, source, environment, settings, samples, block, advanced)
+        _sample_block(scene, home, source, environment, settings, samples, pattern, block, advanced)
     return samples
 
 
@@ -194,8 +198,13 @@ class HemisphereRays:
         pixel: IntArray,
         advance: parallel.Advance,
         chosen: slice = slice(None),
+        pattern: IntArray | None = None,
     ) -> HemisphereRays:
-        """Draw the chosen ones of `DiffuseSettings.rays` per pixel, and follow or test them."""
+        """Draw the chosen ones of `DiffuseSettings.rays` per pixel, and follow or test them.
+
+        Directions are those of the pixels in `pattern`; None means each pixel's own.
+        """
+        pattern = pixel if pattern is None else pattern
         gbuffer, camera = scene.views[home].layers[0], scene.views[home].camera
         options, dtype, threads = settings.diffuse, gbuffer.depth.dtype, settings.threads
         rays = len(range(options.rays)[chosen])
@@ -204,7 +213,9 @@ class HemisphereRays:
         def draw(slots: IntArray) -> None:
             where, part = slice(slots[0], slots[-1] + 1), pixel.take(slots)
             point, normal = surface_points(gbuffer, camera, part)
-            u, v = sample_square(part, camera.width, options.rays, settings.seed, dtype, chosen)
+            u, v = sample_square(
+                pattern.take(slots), camera.width, options.rays, settings.seed, dtype, chosen
+            )
             direction[:, :, where] = cosine_directions(u, v, normal)
             origin[:, :, where] = point[:, None]
 
@@ -253,11 +264,14 @@ def _sample_block(
     environment: Environment | None,
     settings: Settings,
     samples: HemisphereSamples,
+    pattern: IntArray,
     block: IntArray,
     advance: parallel.Advance,
 ) -> None:
     """Draw, trace and sum the rays of a run of sampled pixels."""
-    rays = HemisphereRays.trace(scene, home, settings, samples.pixel.take(block), advance)
+    rays = HemisphereRays.trace(
+        scene, home, settings, samples.pixel.take(block), advance, pattern=pattern.take(block)
+    )
 
     def shade(slots: IntArray) -> None:
         where = slice(slots[0], slots[-1] + 1)

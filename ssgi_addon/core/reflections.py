@@ -9,19 +9,20 @@ keep their weight.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from . import ggx, parallel, tracer
 from .answers import Answers
+from .cells import STRIDES, grid_shape
 from .environment import Environment
 from .frame_points import surface_points, toward_camera
 from .hit_colors import HitColors
 from .light import luminance
 from .lobes import Lobes
-from .resolve import LobeSums, RayGrid, grid_shape, keep, resolve
+from .resolve import LobeSums, RayGrid, keep, resolve
 from .sampling import sample_square
 from .scene import TraceScene
 from .settings import ReflectionSettings, Settings
@@ -29,7 +30,6 @@ from .types import BoolArray, FloatArray, IntArray
 
 # Reflection rays have another shift of the sequence than diffuse rays.
 _SEED_OFFSET = 0x5351
-STRIDES = {"full": 1, "half": 2, "quarter": 4}
 # Rougher lobes are so wide that a pixel's neighbours see the same: a ray for every 2 x 2 pixels.
 ROUGH = 0.4
 # Where not every pixel has rays, each takes those of its own cell and of at least so many others.
@@ -110,7 +110,7 @@ class _Reflection:
             is_subpixel=self.options.subpixel,
             has_levels=self.options.color_pyramid,
         )
-        self.sums = LobeSums(self.gbuffer.shape, self.gbuffer.depth.dtype)
+        self.sums = LobeSums.zero(self.gbuffer.shape, self.gbuffer.depth.dtype)
         self.rays = self.planned = 0
 
     def light(self, pixel: IntArray) -> GlossyLight:
@@ -119,47 +119,66 @@ class _Reflection:
         is_active.reshape(-1)[pixel] = True
         tiers = list(_tiers(self.gbuffer.roughness, is_active, self.options))
         self.planned = sum(-(-int(tier.mask.sum()) // tier.stride**2) * tier.rays for tier in tiers)
-        for tier in tiers:
-            self._trace(tier)
-            if tier.stride > 1:
-                # Thin things may have no ray near them
-                lacking = tier.mask & (self.sums.weight < _LEAST_WEIGHT * tier.rays)
-                self._trace(replace(tier, mask=lacking, stride=1, reuse=0))
+        self._trace(tiers)
+        # Thin things may have no ray near them
+        self._trace(
+            [
+                replace(
+                    tier, mask=tier.mask & (self.sums.weight < _LEAST_WEIGHT * tier.rays), stride=1, reuse=0
+                )
+                for tier in tiers
+                if tier.stride > 1
+            ]
+        )
         return self._result(pixel)
 
-    def _trace(self, tier: _Tier) -> None:
-        """Trace the rays of some pixels, as many at a time as memory is meant for, and resolve them."""
-        if not tier.mask.any():
-            return
-        rows, columns = grid_shape(tier.mask.shape, tier.stride)
-        # A ray that waits to be resolved takes as much memory again
-        rays_at_once = parallel.RAYS_AT_ONCE // 2
-        at_once = min(tier.rays, max(1, rays_at_once // (rows * columns)))
-        bands = parallel.split(np.arange(rows), max(1, rays_at_once // (at_once * columns)))
-        for begin in range(0, tier.rays, at_once):
-            chosen = slice(begin, min(begin + at_once, tier.rays))
-            for band in bands:
-                self._trace_band(tier, chosen, int(band[0]), int(band[-1]) + 1)
+    def _trace(self, tiers: Sequence[_Tier]) -> None:
+        """Trace the rays of some pixels, as many at a time as memory is meant for, and resolve them.
 
-    def _trace_band(self, tier: _Tier, chosen: slice, top: int, bottom: int) -> None:
-        """Trace the chosen ones of the rays of a tier's cells in some rows, and resolve them."""
+        Few rays of several tiers walk together: a walk's last steps cost calls, not arithmetic.
+        """
+        batch: list[_Band] = []
+        waiting = 0
+        for band in (band for tier in tiers for band in _bands(tier)):
+            if waiting + band.most_rays > _rays_at_once():
+                self._trace_bands(batch)
+                batch, waiting = [], 0
+            batch.append(band)
+            waiting += band.most_rays
+        self._trace_bands(batch)
+
+    def _trace_bands(self, bands: Sequence[_Band]) -> None:
+        """Trace the rays of some bands together, and resolve them band by band."""
+        drawn = [rays for rays in map(self._draw, bands) if rays is not None]
+        if not drawn:
+            return
+        origin, direction = (
+            of[0] if len(of) == 1 else np.concatenate(of, axis=1)
+            for of in ([rays.origin for rays in drawn], [rays.direction for rays in drawn])
+        )
+        answers = self.scene.answer(origin, direction, threads=self.settings.threads, advance=self._advance)
+        begin = 0
+        for rays in drawn:
+            self._shade_grid(rays, answers, begin)
+            begin += rays.spread.size
+            tier = rays.tier
+            if tier.is_mirror:
+                keep(rays.grid, self.sums)
+            else:
+                resolve(
+                    rays.grid, self.gbuffer, self.camera, tier.mask, tier.reuse, self.options.elongation,
+                    self.sums, self.settings.threads,
+                )  # fmt: skip
+        self.rays += begin
+
+    def _draw(self, band: _Band) -> _Rays | None:
+        """Draw the rays of a band; None where it has none."""
+        tier, chosen = band.tier, band.chosen
         count, dtype = chosen.stop - chosen.start, self.gbuffer.depth.dtype
-        grid = RayGrid(tier.mask, tier.stride, count, top, bottom, dtype)
-        if not grid.cells.size:
-            return
-        self._fill(grid, tier, chosen)
-        if tier.is_mirror:
-            keep(grid, self.sums)
-        else:
-            resolve(
-                grid, self.gbuffer, self.camera, tier.mask, tier.reuse, self.options.elongation,
-                self.sums, self.settings.threads,
-            )  # fmt: skip
-
-    def _fill(self, grid: RayGrid, tier: _Tier, chosen: slice) -> None:
-        """Draw, trace and shade the chosen ones of the rays that a grid's cells have."""
-        count, threads, dtype = chosen.stop - chosen.start, self.settings.threads, self.gbuffer.depth.dtype
+        grid = RayGrid(tier.mask, tier.stride, count, band.top, band.bottom, dtype)
         cells = grid.cells
+        if not cells.size:
+            return None
         origin, direction = np.empty((2, 3, count, cells.size), dtype=dtype)
         spread = np.empty((count, cells.size), dtype=dtype)
 
@@ -180,22 +199,24 @@ class _Reflection:
                 spread[:, where] = _spread(dense, tier.rays * (1 + tier.reuse))
             grid.set_rays(grid.places(own), point, normal, drawn, pdf)
 
+        parallel.run_chunks(draw, _chunks(cells.size, count), self.settings.threads)
+        return _Rays(tier, grid, origin.reshape(3, -1), direction.reshape(3, -1), spread)
+
+    def _shade_grid(self, rays: _Rays, answers: Answers, begin: int) -> None:
+        """Store what the rays of a grid found; the first is number `begin` of all that were traced."""
+        grid, (count, size) = rays.grid, rays.spread.shape
+
         def shade(slots: IntArray) -> None:
-            places = grid.places(cells.take(slots))
+            places = grid.places(grid.cells.take(slots))
             for ray in range(count):
-                run = slice(ray * cells.size + slots[0], ray * cells.size + slots[-1] + 1)
-                way, wide = direction.reshape(3, -1)[:, run], spread.reshape(-1)[run]
+                own = slice(ray * size + slots[0], ray * size + slots[-1] + 1)
+                run = slice(begin + own.start, begin + own.stop)
+                way, wide = rays.direction[:, own], rays.spread.reshape(-1)[own]
                 radiance, known = self._shade(answers, run, way, wide)
                 near = 1.0 / np.maximum(answers.distance[run], 1e-20)
                 grid.set_answers(ray, places, near, radiance, known, answers.status[run] == tracer.BLOCKED)
 
-        chunks = parallel.split(np.arange(cells.size), max(1, parallel.RAYS_PER_TASK // count))
-        parallel.run_chunks(draw, chunks, threads)
-        answers = self.scene.answer(
-            origin.reshape(3, -1), direction.reshape(3, -1), threads=threads, advance=self._advance
-        )
-        parallel.run_chunks(shade, chunks, threads)
-        self.rays += count * cells.size
+        parallel.run_chunks(shade, _chunks(size, count), self.settings.threads)
 
     def _shade(
         self, answers: Answers, run: slice, direction: FloatArray, spread: FloatArray
@@ -264,6 +285,50 @@ class _Tier:
     rays: int
     reuse: int
     is_mirror: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class _Band:
+    """Rows of a tier's cells, and which of their rays are traced at a time, at most so many together."""
+
+    tier: _Tier
+    chosen: slice
+    top: int
+    bottom: int
+    most_rays: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Rays:
+    """The rays of a band: their grid, where they start (3, N), go (3, N), and their cones (rays, cells)."""
+
+    tier: _Tier
+    grid: RayGrid
+    origin: FloatArray
+    direction: FloatArray
+    spread: FloatArray
+
+
+def _bands(tier: _Tier) -> Iterator[_Band]:
+    """Cut the rays of a tier into bands that each fit into memory."""
+    if not tier.mask.any():
+        return
+    rows, columns = grid_shape(tier.mask.shape, tier.stride)
+    at_once = min(tier.rays, max(1, _rays_at_once() // (rows * columns)))
+    bands = parallel.split(np.arange(rows), max(1, _rays_at_once() // (at_once * columns)))
+    for begin in range(0, tier.rays, at_once):
+        chosen = slice(begin, min(begin + at_once, tier.rays))
+        for band in bands:
+            most_rays = band.size * columns * (chosen.stop - chosen.start)
+            yield _Band(tier, chosen, int(band[0]), int(band[-1]) + 1, most_rays)
+
+
+def _rays_at_once() -> int:
+    return parallel.RAYS_AT_ONCE // 2  # one that waits to be resolved takes as much memory again
+
+
+def _chunks(cells: int, rays: int) -> list[IntArray]:
+    return parallel.split(np.arange(cells), max(1, parallel.RAYS_PER_TASK // rays))
 
 
 def _tiers(roughness: FloatArray, is_active: BoolArray, options: ReflectionSettings) -> Iterator[_Tier]:

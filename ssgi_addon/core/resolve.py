@@ -16,11 +16,11 @@ import numpy as np
 
 from . import parallel
 from .camera import Camera
+from .cells import chosen_pixels, grid_shape
 from .frame_points import surface_points, toward_camera
 from .gbuffer import GBuffer
 from .light import luminance
 from .lobes import Lobes
-from .planes import box_around
 from .types import BoolArray, FloatArray, IntArray
 
 # Rays are borrowed from at most this many cells of the grid away.
@@ -31,6 +31,8 @@ _PLANE_WIDTH = 1.0
 _NORMAL_SQUARINGS = 5
 # No borrowed ray counts more than this many of the pixel's own.
 _MOST_WEIGHT = 4.0
+# Pixels that receive at a time: what is read and written for them stays in the cache.
+_PIXELS_PER_TASK = 16384
 
 
 class RayGrid:
@@ -68,7 +70,7 @@ class RayGrid:
     ) -> None:
         rows, self.columns = grid_shape(is_active.shape, stride)
         self.stride, self.top, self.bottom = stride, top, bottom
-        self.cells, self.pixel = _chosen_pixels(
+        self.cells, self.pixel = chosen_pixels(
             is_active, stride, max(0, top - MARGIN), min(rows, bottom + MARGIN)
         )
         shape = (bottom - top + 2 * MARGIN, self.columns + 2 * MARGIN)
@@ -118,50 +120,35 @@ class RayGrid:
         self.is_hidden[ray].reshape(-1)[places] = is_hidden
 
 
-def grid_shape(shape: tuple[int, ...], stride: int) -> tuple[int, int]:
-    """Return rows and columns of the cells that cover an image."""
-    return -(-shape[0] // stride), -(-shape[1] // stride)
-
-
-def _chosen_pixels(is_active: BoolArray, stride: int, first: int, last: int) -> tuple[IntArray, IntArray]:
-    """Return the cells of some rows that have active pixels, and one such pixel of each."""
-    height, width = is_active.shape
-    columns = grid_shape(is_active.shape, stride)[1]
-    if stride == 1:
-        active = np.flatnonzero(is_active[first:last]) + first * columns
-        return active, active
-    cell_y, cell_x = np.mgrid[first:last, 0:columns]
-    # A diagonal walk over the cell's pixels, so that neighbouring cells choose different ones
-    turn = cell_x + 2 * cell_y
-    chosen = np.full(cell_x.shape, -1, dtype=np.int64)
-    for step in range(stride * stride):
-        number = (turn + step) % (stride * stride)
-        y, x = cell_y * stride + number // stride, cell_x * stride + number % stride
-        inside = (y < height) & (x < width)
-        pixel = np.where(inside, y * width + x, 0)
-        is_free = (chosen < 0) & inside & is_active.reshape(-1).take(pixel)
-        chosen[is_free] = pixel[is_free]
-    taken = np.flatnonzero(chosen.reshape(-1) >= 0)
-    return taken + first * columns, chosen.reshape(-1).take(taken)
-
-
 class LobeSums:
-    """Weighted sums over rays, per pixel of the frame.
+    """Weighted sums over rays, per pixel of the frame or of a part of it.
 
     Attributes
     ----------
-    radiance : (3, H, W) float32
+    radiance : (3, ...) float32
         Σ w L.
-    weight, known, hidden, nearness : (H, W) float32
+    weight, known, hidden, nearness : (...) float32
         Σ w; Σ w over what was answered, and over what ended behind something; Σ w / distance.
-    squared, first, second : (H, W) float32
+    squared, first, second : (...) float32
         Σ w², Σ w² l and Σ w² l² with the luminance l.
     """
 
-    def __init__(self, shape: tuple[int, int], dtype: np.dtype) -> None:
-        self.radiance = np.zeros((3, *shape), dtype=dtype)
-        sums = np.zeros((7, *shape), dtype=dtype)
-        self.weight, self.known, self.hidden, self.nearness, self.squared, self.first, self.second = sums
+    def __init__(self, sums: FloatArray) -> None:
+        self.sums, self.radiance = sums, sums[:3]
+        self.weight, self.known, self.hidden, self.nearness, self.squared, self.first, self.second = sums[3:]
+
+    @classmethod
+    def zero(cls, shape: tuple[int, int], dtype: np.dtype) -> LobeSums:
+        """Return the sums over no rays."""
+        return cls(np.zeros((10, *shape), dtype=dtype))
+
+    def take(self, pixel: IntArray) -> LobeSums:
+        """Return a copy of some pixels' sums."""
+        return LobeSums(self.sums.reshape(10, -1).take(pixel, axis=1))
+
+    def put(self, pixel: IntArray, found: LobeSums) -> None:
+        """Set the sums of some pixels."""
+        self.sums.reshape(10, -1)[:, pixel] = found.sums
 
 
 def keep(grid: RayGrid, sums: LobeSums) -> None:
@@ -234,101 +221,77 @@ def resolve(
     """
     height, width = gbuffer.shape
     stride = grid.stride
+    rows = slice(grid.top * stride, min(grid.bottom * stride, height))
+    receiving = np.flatnonzero(is_active[rows]) + rows.start * width
+    offsets = np.array(
+        [neighbour_offsets(stride, (y, x), reuse) for y in range(stride) for x in range(stride)]
+    )  # (phases, 1 + reuse, 2)
+    steps = offsets[..., 0] * grid.position.shape[2] + offsets[..., 1]
+    # A sample that far off, in pixels, may lie as much farther off the plane
+    per_pixel = (1.0 / (_PLANE_WIDTH * stride * np.maximum(np.abs(offsets).max(axis=-1), 1))).astype(
+        grid.position.dtype
+    )
 
-    def work(rows: IntArray) -> None:
-        """Resolve pixels of one phase in every cell of a band of the grid's rows."""
-        for phase_y in range(stride):
-            top, bottom = int(rows[0]) * stride + phase_y, min(int(rows[-1]) * stride + phase_y + 1, height)
-            for phase_x in range(stride):
-                active = is_active[top:bottom:stride, phase_x:width:stride]
-                if not active.any():
-                    continue
-                # Only what lies around the pixels that receive
-                box = box_around(active)
-                active = active[box]
-                where = (
-                    slice(top + box[0].start * stride, top + (box[0].stop - 1) * stride + 1, stride),
-                    slice(phase_x + box[1].start * stride, phase_x + (box[1].stop - 1) * stride + 1, stride),
-                )
-                band = _Receivers.of(gbuffer, camera, where, is_elongated)
-                cells = (int(rows[0]) - grid.top + box[0].start, box[1].start, *active.shape)
-                for offset in neighbour_offsets(stride, (phase_y, phase_x), reuse):
-                    _borrow(grid, band, cells, offset, active, where, sums)
+    def work(pixel: IntArray) -> None:
+        row, column = np.divmod(pixel, width)
+        (row, phase_y), (column, phase_x) = np.divmod(row, stride), np.divmod(column, stride)
+        own, phase = grid.places(row * grid.columns + column), phase_y * stride + phase_x
+        found = sums.take(pixel)
+        band = _Receivers.of(gbuffer, camera, pixel, is_elongated)
+        for neighbour in range(reuse + 1):
+            there = own + steps[:, neighbour].take(phase)
+            _borrow(grid, band, there, per_pixel[:, neighbour].take(phase), found)
+        sums.put(pixel, found)
 
-    per_band = max(1, 16384 // grid.columns)
-    parallel.run_chunks(work, parallel.split(np.arange(grid.top, grid.bottom), per_band), threads)
+    parallel.run_chunks(work, parallel.split(receiving, _PIXELS_PER_TASK), threads)
 
 
 @dataclass(frozen=True, eq=False)
 class _Receivers:
-    """Pixels that receive: where they are, their lobes, and how many of them a unit of length holds."""
+    """N pixels that receive: where they are, their lobes, and how many of them a unit of length holds."""
 
     position: FloatArray
     lobes: Lobes
     per_footprint: FloatArray | float
 
     @classmethod
-    def of(
-        cls, gbuffer: GBuffer, camera: Camera, where: tuple[slice, slice], is_elongated: bool
-    ) -> _Receivers:
-        height, width = gbuffer.shape
-        pixel = np.arange(height)[where[0], None] * width + np.arange(width)[where[1]]
-        with np.errstate(invalid="ignore", divide="ignore"):
-            position, normal = surface_points(gbuffer, camera, pixel.ravel())
-        position[:, np.isinf(gbuffer.depth[where]).ravel()] = 1.0
-        view = toward_camera(camera, position)
-        lobes = Lobes.at(
-            normal.reshape(3, *pixel.shape),
-            view.reshape(3, *pixel.shape),
-            gbuffer.roughness[where],
-            is_elongated,
-        )
-        position = position.reshape(3, *pixel.shape)
+    def of(cls, gbuffer: GBuffer, camera: Camera, pixel: IntArray, is_elongated: bool) -> _Receivers:
+        position, normal = surface_points(gbuffer, camera, pixel)
+        roughness = gbuffer.roughness.reshape(-1).take(pixel)
+        lobes = Lobes.at(normal, toward_camera(camera, position), roughness, is_elongated)
         scale = 1.0 if camera.is_orthographic else -position[2]
         return cls(position, lobes, max(camera.fx, camera.fy) / scale)
 
 
-def _borrow(
-    grid: RayGrid,
-    band: _Receivers,
-    cells: tuple[int, int, int, int],
-    offset: tuple[int, int],
-    active: BoolArray,
-    where: tuple[slice, slice],
-    sums: LobeSums,
-) -> None:
-    """Add the rays of the cells at an offset to the receivers' sums."""
-    top, left, rows, columns = cells
-    there = (
-        slice(top + offset[0] + MARGIN, top + offset[0] + MARGIN + rows),
-        slice(left + offset[1] + MARGIN, left + offset[1] + MARGIN + columns),
-    )
-    apart = grid.position[:, *there] - band.position
-    normal, axis = band.lobes.normal, grid.normal[:, *there]
+def _borrow(grid: RayGrid, band: _Receivers, there: IntArray, per_pixel: FloatArray, sums: LobeSums) -> None:
+    """Add the rays of one cell per receiver, which stand at the given places (N,), to the receivers' sums."""
+    apart = grid.position.reshape(3, -1).take(there, axis=1)
+    apart -= band.position
+    normal, axis = band.lobes.normal, grid.normal.reshape(3, -1).take(there, axis=1)
     similarity = np.maximum(normal[0] * axis[0] + normal[1] * axis[1] + normal[2] * axis[2], 0.0)
     for _ in range(_NORMAL_SQUARINGS):
         np.multiply(similarity, similarity, out=similarity)
     off_plane = np.abs(apart[0] * normal[0] + apart[1] * normal[1] + apart[2] * normal[2])
-    far = max(1, abs(offset[0]), abs(offset[1])) * grid.stride
     off_plane *= band.per_footprint
-    similarity *= np.maximum(1.0 - off_plane * (1.0 / (_PLANE_WIDTH * far)), 0.0)
-    similarity *= active
+    off_plane *= per_pixel
+    similarity *= np.maximum(1.0 - off_plane, 0.0)
     for ray in range(grid.radiance.shape[0]):
-        direction, nearness = grid.direction[ray][:, *there], grid.inverse_distance[ray][there]
+        nearness = grid.inverse_distance[ray].reshape(-1).take(there)
         # From this pixel to where the ray ended, or along it where it never ended
-        toward = apart * nearness + direction
+        toward = apart * nearness
+        toward += grid.direction[ray].reshape(3, -1).take(there, axis=1)
         toward *= 1.0 / np.sqrt(np.maximum((toward * toward).sum(axis=0), 1e-20))
-        weight = band.lobes.value(toward) * grid.inverse_pdf[ray][there]
+        weight = band.lobes.value(toward) * grid.inverse_pdf[ray].reshape(-1).take(there)
         weight = np.minimum(weight, _MOST_WEIGHT) * similarity
-        radiance = grid.radiance[ray][:, *there]
-        sums.radiance[:, *where] += weight * radiance
-        sums.weight[where] += weight
-        sums.known[where] += weight * grid.known[ray][there]
-        sums.hidden[where] += weight * grid.is_hidden[ray][there]
-        sums.nearness[where] += weight * nearness
-        brightness = luminance(np.moveaxis(radiance, 0, -1))
+        radiance = grid.radiance[ray].reshape(3, -1).take(there, axis=1)
+        sums.radiance += weight * radiance
+        sums.weight += weight
+        sums.known += weight * grid.known[ray].reshape(-1).take(there)
+        sums.hidden += weight * grid.is_hidden[ray].reshape(-1).take(there)
+        sums.nearness += weight * nearness
+        brightness = luminance(radiance.T)
         np.multiply(weight, weight, out=weight)
-        sums.squared[where] += weight
+        sums.squared += weight
         np.multiply(weight, brightness, out=weight)
-        sums.first[where] += weight
-        sums.second[where] += weight * brightness
+        sums.first += weight
+        sums.second += weight * brightness

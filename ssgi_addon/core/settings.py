@@ -215,6 +215,14 @@ class DiffuseSettings:
         soft_max=1.0,
         methods=("hemisphere",),
     )
+    resolution: str = option(
+        "full",
+        "Samples at every pixel, or at one of every 2 x 2 or 4 x 4 pixels; the pixels between take what is "
+        "around them by their own depth and normal, and what has nothing on its own surface is sampled too",
+        label="Resolution",
+        choices=("full", "half", "quarter"),
+        methods=("hemisphere", "ssao"),
+    )
     traced: bool = option(
         True,
         "Follow the hemisphere's directions to what they meet; otherwise test one point along each, as "

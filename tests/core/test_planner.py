@@ -16,7 +16,6 @@ from ssgi_addon.core import (
     pipeline,
     reflections,
     render_indirect,
-    resolve,
 )
 from ssgi_addon.core.planner import BLACK, plan_passes
 from tests.core.synthetic import make_settings, uniform_gbuffer
@@ -120,10 +119,9 @@ def test_what_is_left_out_changes_nothing(monkeypatch, rng):
     camera = Camera.perspective(70, 60, 1.0)
     options = settings(bounces=2, glossy={"reuse": 8, "resolution": "half"})
     cut = render_indirect(frame, camera, options, WHITE)
-    for module in (denoise, resolve):
-        monkeypatch.setattr(
-            module, "box_around", lambda inside, reach=0: tuple(slice(0, size) for size in inside.shape)
-        )
+    monkeypatch.setattr(
+        denoise, "box_around", lambda inside, reach=0: tuple(slice(0, size) for size in inside.shape)
+    )
     monkeypatch.setattr(denoise, "_PIXELS_PER_BAND", 10**6)
     whole = render_indirect(frame, camera, options, WHITE)
     for name in IMAGES:
