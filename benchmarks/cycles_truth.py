@@ -125,7 +125,7 @@ def _keep_frame(name: str, size: Size) -> None:
     options = CaptureOptions(resolution=size, surround=_SURROUND_PX)
     if name.startswith(_FLOOR):
         # Its lamp is a point and its light paths start at pixel centres: one sample is free of noise
-        options = replace(options, samples=1, denoise=False, view_samples=1)
+        options = replace(options, samples=1, denoiser="none", view_samples=1)
     # The compositor's layers are half of the file, and nothing here reads them
     frame = replace(capture_frame(open_scene(name), options), layers={})
     path = frame_path(name, size)
@@ -135,7 +135,7 @@ def _keep_frame(name: str, size: Size) -> None:
 def _keep_light(name: str, size: Size, samples: int, bounces: int | None) -> None:
     from ssgi_addon.blender.reference import ReferenceOptions, render_reference
 
-    options = ReferenceOptions(samples=samples // len(_SEEDS), denoise=False, resolution=size)
+    options = ReferenceOptions(samples=samples // len(_SEEDS), denoiser="none", resolution=size)
     if name.startswith(_FLOOR):
         options = replace(options, diffuse_bounces=0, glossy_bounces=1)
     elif bounces is not None:

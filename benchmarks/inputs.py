@@ -174,7 +174,7 @@ def _capture(size: Size, name: str) -> CapturedFrame:
         job.open_scene(SCENES / f"{name}.blend")
         scene = bpy.context.scene
     # Geometry is what matters
-    return capture_frame(scene, CaptureOptions(samples=1, denoise=False, resolution=size))
+    return capture_frame(scene, CaptureOptions(samples=1, denoiser="none", resolution=size))
 
 
 def main() -> None:

@@ -66,8 +66,19 @@ class JobOptions:
         max=_MOST_SAMPLES,
         soft_max=1024,
     )
-    denoise: bool = option(
-        True, "Denoise the direct light, where this Blender has a denoiser", label="Denoise"
+    denoiser: str = option(
+        "accurate",
+        "How Cycles' denoiser cleans the direct light, where this Blender has one: not at all, at its "
+        "fastest or at its best setting",
+        label="Denoiser",
+        choices=("none", "fast", "accurate"),
+    )
+    own_geometry: bool = option(
+        True,
+        "Render depth, normals and roughness by themselves, from one sample at each pixel's centre. Off, "
+        "Cycles takes them from the render of the light: one render less, and edges that are less exact. "
+        "Volumes, and EEVEE, need the render of their own",
+        label="Own Geometry",
     )
     budget: float = option(
         RENDERED[DEFAULT_PRESET]["budget"],

@@ -41,7 +41,10 @@ class SSGI_PT_main(_RenderPanel, bpy.types.Panel):
         column.prop(settings, "samples")
         row = column.row()
         row.active = settings.engine == "cycles"
-        row.prop(settings, "denoise")
+        row.prop(settings, "denoiser")
+        row = column.row()
+        row.active = settings.engine == "cycles"
+        row.prop(settings, "own_geometry")
         layout.operator("ssgi.render", icon="RENDER_STILL")
 
 

@@ -187,7 +187,7 @@ class BeyondTheFrame:
             self.view_layer,
             cameras,
             samples=self.options.view_samples,
-            denoise=self.options.denoise,
+            denoiser=self.options.denoiser,
             progress=lambda fraction: self.report(0.6 + 0.2 * fraction, name.capitalize()),
         )
         if name in _ELSEWHERE:
@@ -269,7 +269,7 @@ class BeyondTheFrame:
             takes,
             back_faces=back_faces,
             behind=behind,
-            denoise=options.denoise,
+            denoiser=options.denoiser,
             progress=lambda fraction, text: self.report(0.8 + 0.2 * fraction, text),
         )
         self.frame = replace(frame, gbuffer=front[0][0], views=around[0] if around else frame.views)

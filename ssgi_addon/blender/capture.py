@@ -23,12 +23,14 @@ from .kept_world import KeptWorld
 from .render_settings import borrow_passes, borrow_pixel_centers, borrow_scene
 from .restore import Restorer
 from .roughness import borrow_roughness
-from .volumes import borrow_clear_air
+from .volumes import borrow_clear_air, has_volumes
 
 __all__ = ["CaptureOptions", "capture_frame"]
 
 FloatArray = NDArray[np.float32]
 Progress = Callable[[float, str], None]
+
+_GEOMETRY = ("Depth", "Normal", "Position")
 
 
 def capture_frame(
@@ -40,7 +42,8 @@ def capture_frame(
     """Render geometry and direct light of one frame.
 
     Two renders: geometry from a single sample at each pixel's centre, since averaged normals belong to no
-    surface; and light with as many samples as asked for, without diffuse and glossy bounces. Each view beyond
+    surface; and light with as many samples as asked for, without diffuse and glossy bounces. Where the
+    options allow it, and no volume scatters light, Cycles takes both from one render. Each view beyond
     the frame takes one more; back faces and the layer behind take one more of each view, and the fill takes
     one of its own.
 
@@ -81,17 +84,21 @@ def capture_frame(
             engine_id=engine.engine_id(),
         )
         world = engine.borrow_scene(restorer, scene, view_layer)
-        report(0.0, "Geometry")
-        geometry, roughness = _capture_geometry(engine, scene, view_layer)
-        report(0.3, "Direct light")
-        light, is_denoised = _capture_light(engine, scene, view_layer, options)
         notes = capture_notes(scene)
+        report(0.0, "Geometry")
+        geometry: RenderedPasses | None = None
+        if options.own_geometry or not engine.shares_geometry or has_volumes(view_layer):
+            geometry, roughness = _capture_geometry(engine, scene, view_layer)
+            report(0.3, "Direct light")
+            light, is_denoised = _capture_light(engine, scene, view_layer, options)
+        else:
+            light, roughness, is_denoised = _capture_together(engine, scene, view_layer, options)
         frame = _assemble(engine, geometry, roughness, light, is_denoised, notes)
         frame = replace(frame, environment=_environment(world, frame.camera))
         if kept is not None:
             kept.look_at(scene, view_layer)
         frame = BeyondTheFrame(engine, scene, view_layer, options, report, kept).added_to(frame)
-    if options.denoise and engine.denoises and not is_denoised:
+    if options.denoiser != "none" and engine.denoises and not is_denoised:
         note = "This Blender has no denoiser: the direct light is not denoised."
         frame = replace(frame, notes=(*frame.notes, note))
     report(1.0, "Captured")
@@ -107,7 +114,7 @@ def _capture_geometry(
         borrow_pixel_centers(restorer, scene)
         borrow_clear_air(restorer, view_layer)
         roughness = borrow_roughness(restorer, view_layer)
-        names = ("Depth", "Normal", "Position", *roughness.passes)
+        names = (*_GEOMETRY, *roughness.passes)
         if not engine.emission_in_direct:
             names = (*names, "Emission")
         borrow_passes(restorer, view_layer, names)
@@ -115,14 +122,28 @@ def _capture_geometry(
         return rendered, roughness.read(rendered.layers)
 
 
+def _capture_together(
+    engine: Engine, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, options: CaptureOptions
+) -> tuple[RenderedPasses, FloatArray, bool]:
+    """Render light and geometry at once; return the passes, the roughness and whether Combined is denoised.
+
+    Depth is then of one of the samples of each pixel, normals and roughness are means over all of them.
+    """
+    with Restorer() as restorer:
+        is_denoised = engine.borrow_light(restorer, scene, view_layer, options.samples, options.denoiser)
+        roughness = borrow_roughness(restorer, view_layer)
+        names = tuple(dict.fromkeys((*engine.light_passes, *_GEOMETRY, *roughness.passes)))
+        borrow_passes(restorer, view_layer, names)
+        rendered = engine.render(scene, view_layer, names)
+        return rendered, roughness.read(rendered.layers), is_denoised
+
+
 def _capture_light(
     engine: Engine, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, options: CaptureOptions
 ) -> tuple[RenderedPasses, bool]:
     """Render the light that needs no bounce; return its passes and whether Combined is denoised."""
     with Restorer() as restorer:
-        is_denoised = engine.borrow_light(
-            restorer, scene, view_layer, samples=options.samples, denoise=options.denoise
-        )
+        is_denoised = engine.borrow_light(restorer, scene, view_layer, options.samples, options.denoiser)
         borrow_passes(restorer, view_layer, engine.light_passes)
         return engine.render(scene, view_layer, engine.light_passes), is_denoised
 
@@ -137,13 +158,18 @@ def _environment(radiance: FloatArray | None, camera: Camera) -> Environment | N
 
 def _assemble(
     engine: Engine,
-    geometry: RenderedPasses,
+    geometry: RenderedPasses | None,
     roughness: FloatArray,
     light: RenderedPasses,
     is_denoised: bool,
     notes: tuple[str, ...],
 ) -> CapturedFrame:
-    layers = {**light.layers, **{name: geometry.layers[name] for name in ("Depth", "Normal", "Position")}}
+    layers, seconds = dict(light.layers), {"light": light.seconds}
+    if geometry is not None:
+        layers |= {name: geometry.layers[name] for name in _GEOMETRY}
+        seconds = {"geometry": geometry.seconds, **seconds}
+    else:
+        geometry = light
     return CapturedFrame(
         gbuffer=gbuffer_from_passes(
             layers,
@@ -158,7 +184,7 @@ def _assemble(
         emission_in_direct=engine.emission_in_direct,
         world_in_direct=engine.world_in_direct,
         layers=layers,
-        seconds={"geometry": geometry.seconds, "light": light.seconds},
+        seconds=seconds,
         notes=notes,
     )
 

@@ -17,8 +17,12 @@ class CaptureOptions:
         ``"cycles"`` or ``"eevee"``.
     samples
         Per pixel, of the direct light.
-    denoise
-        Denoise the direct light where this build of Blender has a denoiser; EEVEE's is never denoised.
+    denoiser
+        How Cycles' denoiser cleans the direct light, where this build of Blender has one: ``"none"``,
+        ``"fast"`` or ``"accurate"``; EEVEE's light is never denoised.
+    own_geometry
+        Render geometry by itself, with one sample at each pixel's centre; else (Cycles, without volumes) it
+        comes with the light.
     resolution
         Width and height, pixels; None means the scene's resolution and percentage.
     frame
@@ -49,7 +53,8 @@ class CaptureOptions:
 
     engine: str = "cycles"
     samples: int = 16
-    denoise: bool = True
+    denoiser: str = "accurate"
+    own_geometry: bool = True
     resolution: tuple[int, int] | None = None
     frame: int | None = None
     view_layer: str | None = None

@@ -33,6 +33,8 @@ class Engine(Protocol):
         As in `CapturedFrame`.
     denoises
         Whether it has a use for the denoiser.
+    shares_geometry
+        Whether depth and normals of the light's render are as good as those of a single sample.
     light_passes
         All that the direct light is made of, by the passes' long names.
     """
@@ -41,6 +43,7 @@ class Engine(Protocol):
     emission_in_direct: bool
     world_in_direct: bool
     denoises: bool
+    shares_geometry: bool
     light_passes: tuple[str, ...]
 
     def engine_id(self) -> str:
@@ -61,9 +64,8 @@ class Engine(Protocol):
         restorer: Restorer,
         scene: bpy.types.Scene,
         view_layer: bpy.types.ViewLayer,
-        *,
         samples: int,
-        denoise: bool,
+        denoiser: str,
     ) -> bool:
         """Let the next renders take the direct light; return whether Combined is denoised then."""
 
@@ -77,7 +79,7 @@ class CyclesEngine:
     """Direct light of lamps, emissive meshes and the world, with true shadows."""
 
     name = "cycles"
-    emission_in_direct = world_in_direct = denoises = True
+    emission_in_direct = world_in_direct = denoises = shares_geometry = True
     light_passes = (*LIGHT_PASSES, *OTHER_LIGHT_PASSES)
 
     def engine_id(self):
@@ -90,11 +92,11 @@ class CyclesEngine:
     def borrow_geometry(self, restorer, scene, view_layer):
         # Rays that are cut out of leaves go on; all else about light is not needed.
         restorer.change(scene.cycles, samples=1, max_bounces=0)
-        borrow_denoiser(restorer, scene, view_layer, wanted=False)
+        borrow_denoiser(restorer, scene, view_layer, denoiser="none")
 
-    def borrow_light(self, restorer, scene, view_layer, *, samples, denoise):
+    def borrow_light(self, restorer, scene, view_layer, samples, denoiser):
         restorer.change(scene.cycles, samples=samples, diffuse_bounces=0, glossy_bounces=0)
-        return borrow_denoiser(restorer, scene, view_layer, denoise)
+        return borrow_denoiser(restorer, scene, view_layer, denoiser)
 
     def render(self, scene, view_layer, names):
         return render_passes(scene, view_layer, names)
@@ -108,7 +110,7 @@ class EeveeEngine:
     """
 
     name = "eevee"
-    emission_in_direct = world_in_direct = denoises = False
+    emission_in_direct = world_in_direct = denoises = shares_geometry = False
     light_passes = (*LIGHT_PASSES, "Emission", "Environment")
 
     def engine_id(self):
@@ -135,7 +137,7 @@ class EeveeEngine:
         # Shadows cost more than all the rest.
         restorer.change(scene.eevee, taa_render_samples=1, use_shadows=False)
 
-    def borrow_light(self, restorer, scene, view_layer, *, samples, denoise):
+    def borrow_light(self, restorer, scene, view_layer, samples, denoiser):
         # Its shadows cost most of the render, also where nothing casts any.
         has_lamps = any(light.users for light in bpy.data.lights)
         restorer.change(

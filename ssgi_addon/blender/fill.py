@@ -51,7 +51,7 @@ def capture_fill(
         _borrow_small_frame(restorer, scene)
         borrow_pixel_centers(restorer, scene)
         restorer.change(scene.cycles, samples=samples, sample_clamp_direct=0.0, sample_clamp_indirect=0.0)
-        borrow_denoiser(restorer, scene, view_layer, wanted=False)
+        borrow_denoiser(restorer, scene, view_layer, denoiser="none")
         borrow_clear_air(restorer, view_layer)
         names = (*GEOMETRY_PASSES, *_LIGHT_PASSES)
         borrow_passes(restorer, view_layer, names)

@@ -55,7 +55,7 @@ def add_hidden_surfaces(
     *,
     back_faces: bool,
     behind: bool,
-    denoise: bool,
+    denoiser: str,
     progress: Progress,
 ) -> tuple[list[tuple[View, ...]], Mapping[str, float]]:
     """Return the views with the thickness of what they show, and with the layer behind it.
@@ -74,8 +74,8 @@ def add_hidden_surfaces(
         All views.
     back_faces, behind
         Which of the two to add.
-    denoise
-        Denoise the light where this build of Blender has a denoiser.
+    denoiser
+        Of the light, as in `CaptureOptions`.
     progress
         Called with a fraction and a text before each render; an exception from it ends the capture.
 
@@ -103,7 +103,7 @@ def add_hidden_surfaces(
         start = time.perf_counter()
     if behind:
         layers = _layers_behind(
-            engine, scene, view_layer, takes, second, denoise, lambda: tell("Layer behind")
+            engine, scene, view_layer, takes, second, denoiser, lambda: tell("Layer behind")
         )
         views = [
             tuple(
@@ -156,7 +156,7 @@ def _layers_behind(
     view_layer: bpy.types.ViewLayer,
     takes: Sequence[Take],
     second: Sequence[Sequence[_SecondSurface]],
-    denoise: bool,
+    denoiser: str,
     tell: Callable[[], None],
 ) -> list[list[GBuffer]]:
     firsts = [found.first for found in _flat(second)]
@@ -170,9 +170,7 @@ def _layers_behind(
 
         def capture(take: Take, surfaces: Sequence[_SecondSurface]) -> Iterator[GBuffer]:
             with Restorer() as aimed:
-                is_denoised = engine.borrow_light(
-                    aimed, scene, view_layer, samples=take.samples, denoise=denoise
-                )
+                is_denoised = engine.borrow_light(aimed, scene, view_layer, take.samples, denoiser)
                 borrow_pixel_centers(aimed, scene)
                 for (front, camera), passed, _ in zip(take.views, surfaces, take.aim(aimed), strict=True):
                     tell()

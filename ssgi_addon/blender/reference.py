@@ -42,8 +42,8 @@ class ReferenceOptions:
     ----------
     samples
         Cycles' samples per pixel.
-    denoise
-        Denoise the combined picture where this build of Blender has a denoiser.
+    denoiser
+        Of the combined picture, as in `CaptureOptions`.
     resolution, frame, view_layer
         As for a capture.
     diffuse_bounces, glossy_bounces, max_bounces
@@ -55,7 +55,7 @@ class ReferenceOptions:
     """
 
     samples: int = 64
-    denoise: bool = True
+    denoiser: str = "accurate"
     resolution: tuple[int, int] | None = None
     frame: int | None = None
     view_layer: str | None = None
@@ -133,7 +133,7 @@ def render_reference(scene: bpy.types.Scene, options: ReferenceOptions, progress
             light_sampling_threshold=0.0,
             **{name: value for name, value in bounces.items() if value is not None},
         )
-        borrow_denoiser(restorer, scene, view_layer, options.denoise)
+        borrow_denoiser(restorer, scene, view_layer, options.denoiser)
         borrow_passes(restorer, view_layer, _PASSES)
         rendered = render_passes(scene, view_layer, _PASSES)
     if progress:

@@ -13,6 +13,11 @@ from .restore import Restorer
 
 # Cycles hands its passes over in memory only if one tile holds the frame, and its tiles end here.
 LARGEST_TILE_PX = 8192
+# What OpenImageDenoise cleans with: the filter's quality, and whether albedo and normals are cleaned before.
+_DENOISERS = {
+    "fast": {"denoising_quality": "FAST", "denoising_prefilter": "NONE"},
+    "accurate": {"denoising_quality": "HIGH", "denoising_prefilter": "ACCURATE"},
+}
 _SMALLEST_RESOLUTION_PX = 4  # of Blender's resolution property
 
 
@@ -55,7 +60,7 @@ def borrow_scene(
     if engine_id == CYCLES:
         cycles_engine()
     layer = _find_view_layer(scene, view_layer)
-    restorer.callback(_update_render_layers_nodes, scene)
+    restorer.callback(_update_render_layers_nodes, layer)
     if frame is not None:
         _go_to_frame(restorer, scene, frame)
     check_camera(scene)
@@ -132,13 +137,14 @@ def borrow_pixel_centers(restorer: Restorer, scene: bpy.types.Scene) -> None:
 
 
 def borrow_denoiser(
-    restorer: Restorer, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, wanted: bool
+    restorer: Restorer, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, denoiser: str
 ) -> bool:
-    """Switch Cycles' denoiser on or off; return whether it will run, since some builds have none."""
-    denoises = wanted and compat.has_denoiser(scene)
+    """Switch Cycles' denoiser off ("none") or on; return whether it will run, since some builds have none."""
+    denoises = denoiser != "none" and compat.has_denoiser(scene)
     restorer.change(scene.cycles, use_denoising=denoises)
     if denoises:
         restorer.change(view_layer.cycles, use_denoising=True)
+        restorer.change(scene.cycles, **_DENOISERS[denoiser])
     return denoises
 
 
@@ -158,9 +164,9 @@ def _refuse_more_than_a_tile(size: tuple[int, int]) -> None:
         )
 
 
-def _update_render_layers_nodes(scene: bpy.types.Scene) -> None:
+def _update_render_layers_nodes(view_layer: bpy.types.ViewLayer) -> None:
     """Make the compositor show the passes of undone settings; its links would stay marked invalid."""
-    scene.render.engine = scene.render.engine
+    view_layer.update_render_passes()
 
 
 def _find_view_layer(scene: bpy.types.Scene, name: str | None) -> bpy.types.ViewLayer:

@@ -27,7 +27,7 @@ def capture_views(
     cameras: Sequence[Camera],
     *,
     samples: int,
-    denoise: bool = True,
+    denoiser: str = "accurate",
     progress: Callable[[float], None],
 ) -> tuple[tuple[View, ...], float]:
     """Render what some cameras see, geometry and direct light in one render each.
@@ -49,8 +49,8 @@ def capture_views(
         With square pixels.
     samples
         Of each pixel, all at its centre.
-    denoise
-        Denoise the light where this build of Blender has a denoiser.
+    denoiser
+        Of the light, as in `CaptureOptions`.
     progress
         Called with a fraction before each view; an exception from it ends the capture.
 
@@ -71,7 +71,7 @@ def capture_views(
     with Restorer() as restorer:
         aimed = borrow_cameras(restorer, scene, cameras)
         # Mirrors show single pixels of the faces, hence the denoiser.
-        is_denoised = engine.borrow_light(restorer, scene, view_layer, samples=samples, denoise=denoise)
+        is_denoised = engine.borrow_light(restorer, scene, view_layer, samples, denoiser)
         borrow_clear_air(restorer, view_layer)
         roughness = borrow_roughness(restorer, view_layer)
         names = tuple({*GEOMETRY_PASSES, *engine.light_passes, *roughness.passes})

@@ -25,7 +25,7 @@ from tests.blender.opengl import needs_opengl
 from tests.scenes import BLACK, WHITE, build_closed_room, new_scene
 
 WIDTH, HEIGHT, SIDE = 16, 9, 12
-ALONE = CaptureOptions(samples=1, denoise=False, view_size=SIDE, view_samples=1)
+ALONE = CaptureOptions(samples=1, denoiser="none", view_size=SIDE, view_samples=1)
 SWITCHES = {
     "surround": {"surround": SIDE},
     "overscan": {"overscan": 1.5},

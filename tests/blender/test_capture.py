@@ -20,7 +20,7 @@ from ssgi_addon.errors import SSGIError
 from tests.scenes import WHITE, build_ball_over_plane, build_closed_room, build_emissive_room
 from tests.tolerances import CAPTURED_GEOMETRY, PASS_SUM_RELATIVE, REPROJECTED_PX, UNIT_NORMAL
 
-ONE_SAMPLE = CaptureOptions(samples=1, denoise=False)
+ONE_SAMPLE = CaptureOptions(samples=1, denoiser="none")
 
 
 @pytest.fixture
@@ -230,7 +230,7 @@ def test_border_without_crop_captures_the_whole_frame(steps):
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 7), (5, 3), (13, 2), (3, 900)])
 def test_any_size_can_be_captured(steps, size):
-    frame = capture_frame(steps, CaptureOptions(samples=1, denoise=False, resolution=size))
+    frame = capture_frame(steps, CaptureOptions(samples=1, denoiser="none", resolution=size))
     assert (frame.camera.width, frame.camera.height) == size
 
 
@@ -260,7 +260,7 @@ def direct_sum(layers):
 
 @pytest.mark.parametrize("build", [build_closed_room, build_emissive_room, build_ball_over_plane])
 def test_direct_light_is_the_sum_of_the_direct_passes(empty_file, build):
-    frame = capture_frame(build(), CaptureOptions(samples=4, denoise=False))
+    frame = capture_frame(build(), CaptureOptions(samples=4, denoiser="none"))
     error = np.abs(direct_sum(frame.layers) - frame.gbuffer.direct).max()
     assert error < PASS_SUM_RELATIVE * frame.gbuffer.direct.max()
 
@@ -277,7 +277,7 @@ def test_glass_and_volumes_are_in_the_sum_of_the_direct_passes(steps):
     output = mist.node_tree.nodes.new("ShaderNodeOutputMaterial")
     mist.node_tree.links.new(output.inputs["Volume"], scatter.outputs[0])
     add_box(steps, "Mist", mist, (-9, -4, -1), (9, 9, 9))
-    frame = capture_frame(steps, CaptureOptions(samples=4, denoise=False))
+    frame = capture_frame(steps, CaptureOptions(samples=4, denoiser="none"))
     assert frame.layers["Transmission Indirect"].max() > 0.0
     assert frame.layers["Volume Direct"].max() > 0.0
     error = np.abs(direct_sum(frame.layers) - frame.gbuffer.direct).max()
@@ -287,7 +287,7 @@ def test_glass_and_volumes_are_in_the_sum_of_the_direct_passes(steps):
 
 def test_sources_hold_no_emission(empty_file):
     """The glowing panel shines in the direct light; as a source it is dark: Cycles counted its light."""
-    frame = capture_frame(build_emissive_room(), CaptureOptions(samples=4, denoise=False))
+    frame = capture_frame(build_emissive_room(), CaptureOptions(samples=4, denoiser="none"))
     is_panel = frame.layers["Emission"].min(axis=-1) > 7.0  # 12 x (1, 0.85, 0.6), without edges
     assert is_panel.any()
     assert frame.emission_in_direct
@@ -308,14 +308,14 @@ def test_shadow_is_black_without_bounces(empty_file):
     scene.collection.objects.link(sun)
     add_camera(scene, (0, 4, 1.0), (0, 9, 2.0), lens=30.0)
     scene.render.resolution_x, scene.render.resolution_y = 16, 12
-    gbuffer = capture_frame(scene, CaptureOptions(samples=4, denoise=False)).gbuffer
+    gbuffer = capture_frame(scene, CaptureOptions(samples=4, denoiser="none")).gbuffer
     assert gbuffer.direct[~gbuffer.is_background].max() == 0.0
 
 
 def test_denoising_changes_the_direct_light_alone(empty_file):
     scene = build_closed_room()
-    noisy = capture_frame(scene, CaptureOptions(samples=2, denoise=False))
-    denoised = capture_frame(scene, CaptureOptions(samples=2, denoise=True))
+    noisy = capture_frame(scene, CaptureOptions(samples=2, denoiser="none"))
+    denoised = capture_frame(scene, CaptureOptions(samples=2, denoiser="accurate"))
     if "no denoiser" in " ".join(denoised.notes):
         pytest.skip("this Blender has no denoiser")
     assert not np.array_equal(noisy.gbuffer.direct, denoised.gbuffer.direct)
@@ -326,7 +326,7 @@ def test_denoising_changes_the_direct_light_alone(empty_file):
 def test_a_blender_without_denoiser_says_so(steps, monkeypatch):
     monkeypatch.setattr(render_settings.compat, "has_denoiser", lambda scene: False)
     noisy = capture_frame(steps, ONE_SAMPLE)
-    frame = capture_frame(steps, CaptureOptions(samples=1, denoise=True))
+    frame = capture_frame(steps, CaptureOptions(samples=1, denoiser="accurate"))
     assert np.array_equal(frame.gbuffer.direct, noisy.gbuffer.direct)
     assert any("no denoiser" in note for note in frame.notes)
 
@@ -339,7 +339,7 @@ def test_frame_option_captures_that_frame(steps):
     steps.camera.location.z += 2.0
     steps.camera.keyframe_insert("location", frame=11)
     steps.frame_set(1)
-    frame = capture_frame(steps, CaptureOptions(samples=1, denoise=False, frame=11))
+    frame = capture_frame(steps, CaptureOptions(samples=1, denoiser="none", frame=11))
     assert math.isclose(frame.camera.world_from_view[2, 3], 5.0, rel_tol=CAPTURED_GEOMETRY)
     assert steps.frame_current == 1
     assert math.isclose(steps.camera.location.z, 3.0, rel_tol=CAPTURED_GEOMETRY)
@@ -351,7 +351,7 @@ def test_camera_of_a_marker_is_used_on_its_frame_alone(steps):
     steps.camera = first
     for number, camera in ((1, first), (5, second)):
         steps.timeline_markers.new("Cut", frame=number).camera = camera
-    frame = capture_frame(steps, CaptureOptions(samples=1, denoise=False, frame=5))
+    frame = capture_frame(steps, CaptureOptions(samples=1, denoiser="none", frame=5))
     assert frame.camera.world_from_view[2, 3] == 9.0
     assert steps.camera == first
 
@@ -365,7 +365,7 @@ def test_view_layer_option_captures_that_layer(steps):
         steps.collection.objects.unlink(thing)
         hidden.objects.link(thing)
     other.layer_collection.children["Hidden"].exclude = True
-    empty = capture_frame(steps, CaptureOptions(samples=1, denoise=False, view_layer="Empty"))
+    empty = capture_frame(steps, CaptureOptions(samples=1, denoiser="none", view_layer="Empty"))
     assert empty.gbuffer.is_background.all()
     assert not capture_frame(steps, ONE_SAMPLE).gbuffer.is_background.all()
 

@@ -73,7 +73,7 @@ def test_anisotropy_within_a_group_counts(scene):
 def test_frame_carries_the_note(scene):
     tree = node_tree(scene.objects["Box"].data.materials[0])
     tree.nodes["Principled BSDF"].inputs["Anisotropic"].default_value = 0.8
-    frame = capture_frame(scene, CaptureOptions(samples=1, denoise=False, resolution=(8, 8)))
+    frame = capture_frame(scene, CaptureOptions(samples=1, denoiser="none", resolution=(8, 8)))
     assert set(anisotropy_notes(scene)) <= set(frame.notes)
     assert anisotropy_notes(scene)
 

@@ -17,7 +17,7 @@ from tests.blender.test_capture import direct_sum, reprojection_error
 from tests.tolerances import PASS_SUM_RELATIVE, REPROJECTED_PX, ROUGHNESS_DENOISING
 
 SCENES = Path(os.environ.get("SSGI_SCENES", Path(__file__).parents[3] / "shared" / "scenes"))
-OPTIONS = CaptureOptions(samples=2, denoise=False, resolution=(96, 54))
+OPTIONS = CaptureOptions(samples=2, denoiser="none", resolution=(96, 54))
 
 
 @pytest.fixture(params=["cornell_box", "spaceship", "hotel_room"])

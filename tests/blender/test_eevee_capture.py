@@ -57,7 +57,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def options(engine, **more):
-    return CaptureOptions(engine=engine, samples=4, denoise=False, **more)
+    return CaptureOptions(engine=engine, samples=4, denoiser="none", **more)
 
 
 def build_yard():
@@ -178,7 +178,7 @@ def test_lamps_light_surfaces_as_in_cycles(frames):
     bpy.data.materials["Glow"].node_tree.nodes["Principled BSDF"].inputs[
         "Emission Strength"
     ].default_value = 0
-    cycles = capture_frame(scene, CaptureOptions(samples=64, denoise=False)).gbuffer
+    cycles = capture_frame(scene, CaptureOptions(samples=64, denoiser="none")).gbuffer
     ours = frames["eevee"].gbuffer
     layers = frames["eevee"].layers
     reflected = ours.direct - layers["Emission"] - layers["Environment"]

@@ -43,7 +43,7 @@ result = sorted(path.name for path in (out / "ssgi").iterdir())
 def test_composited_render_shows_the_result(extension, tmp_path):
     script = """
 scene = make_scene()
-scene.ssgi.denoise = False
+scene.ssgi.denoiser = "none"
 scene.cycles.diffuse_bounces = scene.cycles.glossy_bounces = 0
 scene.cycles.samples, scene.cycles.use_denoising = 1, False
 bpy.ops.ssgi.render()

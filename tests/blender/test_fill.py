@@ -30,7 +30,7 @@ from tests.tolerances import (
     UNIT_NORMAL,
 )
 
-OPTIONS = CaptureOptions(samples=1, denoise=False, resolution=(32, 20), fill=4)
+OPTIONS = CaptureOptions(samples=1, denoiser="none", resolution=(32, 20), fill=4)
 
 
 @pytest.fixture
@@ -173,7 +173,7 @@ def test_filled_picture_is_as_bright_as_with_global_illumination(room):
 
     options = replace(OPTIONS, resolution=(64, 36), samples=64, fill=64)
     frame, _ = fill_in(room, options)
-    truth = render_reference(room, ReferenceOptions(samples=64, denoise=False, resolution=(64, 36)))
+    truth = render_reference(room, ReferenceOptions(samples=64, denoiser="none", resolution=(64, 36)))
     expected = composite(
         frame.gbuffer,
         replace(

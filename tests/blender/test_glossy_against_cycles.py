@@ -55,8 +55,10 @@ def capture_case(roughness, *, is_metal=False):
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     scene = build_glossy_floor(roughness, is_metal=is_metal)
     # The lamp is a point and light paths start at pixel centres: one sample of direct light is free of noise
-    captured = CaptureOptions(samples=1, denoise=False, resolution=SIZE, surround=96, view_samples=1)
-    truth = ReferenceOptions(samples=128, denoise=False, resolution=SIZE, diffuse_bounces=0, glossy_bounces=1)
+    captured = CaptureOptions(samples=1, denoiser="none", resolution=SIZE, surround=96, view_samples=1)
+    truth = ReferenceOptions(
+        samples=128, denoiser="none", resolution=SIZE, diffuse_bounces=0, glossy_bounces=1
+    )
     frame = capture_frame(scene, captured)
     return Case(roughness, frame, render_reference(scene, truth).glossy_indirect)
 

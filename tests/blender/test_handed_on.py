@@ -26,7 +26,7 @@ def capture_floor(material):
     add_box(scene, "Floor", material, (-20.0, -5.0, -0.2), (20.0, 20.0, 0.0))
     add_lamp(scene, "Lamp", "POINT", (0.0, -3.0, 3.0), (0.0, 0.0, 0.0), energy=500.0, color=LAMPLIGHT)
     add_camera(scene, (0.0, -2.0, 0.5), (0.0, 2.0, 0.0), lens=24.0)
-    return capture_frame(scene, CaptureOptions(samples=16, denoise=False))
+    return capture_frame(scene, CaptureOptions(samples=16, denoiser="none"))
 
 
 def plastic(name, roughness):
@@ -50,7 +50,7 @@ def test_gloss_at_grazing_angles_takes_no_light_from_what_is_handed_on(empty_fil
 
 
 def test_matte_surfaces_hand_on_their_diffuse_light(empty_file):
-    frame = capture_frame(build_closed_room(), CaptureOptions(samples=4, denoise=False))
+    frame = capture_frame(build_closed_room(), CaptureOptions(samples=4, denoiser="none"))
     expected = frame.layers["Diffuse Direct"] * frame.layers["Diffuse Color"]
     np.testing.assert_array_equal(frame.gbuffer.source, expected)
 
@@ -77,7 +77,7 @@ def test_room_of_gloss_has_the_diffuse_light_of_cycles(empty_file):
     truth = render_reference(
         scene,
         ReferenceOptions(
-            samples=64, denoise=False, resolution=SIZE, diffuse_bounces=1, glossy_bounces=1, max_bounces=1
+            samples=64, denoiser="none", resolution=SIZE, diffuse_bounces=1, glossy_bounces=1, max_bounces=1
         ),
     ).diffuse_indirect
     settings = Settings(

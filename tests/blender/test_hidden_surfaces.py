@@ -31,7 +31,7 @@ from tests.blender.test_roughness import Network, new_group
 from tests.scenes import GREEN, RED, WHITE
 from tests.tolerances import BACK_FACE, CAPTURED_GEOMETRY, MEAN_OF_NOISY_PIXELS, PEELED_LIGHT, ROUGHNESS_AOV
 
-OPTIONS = CaptureOptions(samples=1, denoise=False, back_faces=True, behind=True)
+OPTIONS = CaptureOptions(samples=1, denoiser="none", back_faces=True, behind=True)
 HALF = 0.5  # of the cube's edge
 DISTANCE = 5.0  # of the camera from the middle
 WALL = 3.0  # beyond the middle
@@ -259,7 +259,7 @@ EMITTERS = {
 
 def wall_behind(stage, sheet, samples=1):
     """The layer behind a sheet, and the frame of a camera that cannot see the sheet, in the same pixels."""
-    options = CaptureOptions(samples=samples, denoise=False)
+    options = CaptureOptions(samples=samples, denoiser="none")
     behind = capture_frame(stage, replace(options, behind=True)).gbuffer.behind
     sheet.visible_camera = False
     wall = capture_frame(stage, options).gbuffer
@@ -404,7 +404,7 @@ def test_linked_library_material_is_looked_through(stage, tmp_path):
 def test_faces_of_a_surround_have_their_own(stage):
     add_cube(stage, new_material("Clay", RED))
     options = CaptureOptions(
-        samples=1, denoise=False, surround=16, view_samples=1, back_faces=True, behind=True
+        samples=1, denoiser="none", surround=16, view_samples=1, back_faces=True, behind=True
     )
     frame = capture_frame(stage, options)
     front = frame.views[0][0]
@@ -420,7 +420,7 @@ def test_faces_of_a_surround_have_their_own(stage):
 def test_only_what_was_asked_for_is_captured(stage, back_faces, behind):
     add_cube(stage, new_material("Clay", RED))
     frame = capture_frame(
-        stage, CaptureOptions(samples=1, denoise=False, back_faces=back_faces, behind=behind)
+        stage, CaptureOptions(samples=1, denoiser="none", back_faces=back_faces, behind=behind)
     )
     assert (frame.gbuffer.thickness is not None, frame.gbuffer.behind is not None) == (back_faces, behind)
     assert ("back faces" in frame.seconds, "behind" in frame.seconds) == (back_faces, behind)
@@ -429,7 +429,7 @@ def test_only_what_was_asked_for_is_captured(stage, back_faces, behind):
 def test_frame_is_the_same_with_and_without(stage):
     add_cube(stage, new_material("Clay", RED))
     frames = [
-        capture_frame(stage, options) for options in (CaptureOptions(samples=1, denoise=False), OPTIONS)
+        capture_frame(stage, options) for options in (CaptureOptions(samples=1, denoiser="none"), OPTIONS)
     ]
     for name in ("depth", "normal", "albedo", "specular", "roughness", "direct", "source"):
         assert np.array_equal(*(getattr(frame.gbuffer, name) for frame in frames)), name
@@ -455,7 +455,7 @@ def test_progress_goes_on_through_all_renders(stage):
     add_cube(stage, new_material("Clay", RED))
     told = []
     options = CaptureOptions(
-        samples=1, denoise=False, surround=4, view_samples=1, back_faces=True, behind=True
+        samples=1, denoiser="none", surround=4, view_samples=1, back_faces=True, behind=True
     )
     capture_frame(stage, options, lambda fraction, text: told.append((fraction, text)))
     fractions = [fraction for fraction, _ in told]

@@ -21,7 +21,14 @@ from tests.blender.fingerprint import changes, fingerprint
 from tests.scenes import build_closed_room
 
 OPTIONS = CaptureOptions(
-    samples=1, denoise=False, resolution=(32, 18), surround=8, stations=2, view_size=8, view_samples=1, fill=2
+    samples=1,
+    denoiser="none",
+    resolution=(32, 18),
+    surround=8,
+    stations=2,
+    view_size=8,
+    view_samples=1,
+    fill=2,
 )
 
 

@@ -48,7 +48,7 @@ CAPTURES = {
     ),
     # A coarse surround makes emitters larger, by up to half a pixel on each side.
     "eevee": CaptureOptions(
-        engine="eevee", samples=8, resolution=SIZE, surround=128, view_samples=2, denoise=False
+        engine="eevee", samples=8, resolution=SIZE, surround=128, view_samples=2, denoiser="none"
     ),
 }
 SCENES = {
@@ -72,7 +72,7 @@ def captured_and_reference(request):
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     scene = SCENES[name]()
     truth = ReferenceOptions(
-        samples=64, denoise=False, resolution=SIZE, diffuse_bounces=BOUNCES, glossy_bounces=BOUNCES
+        samples=64, denoiser="none", resolution=SIZE, diffuse_bounces=BOUNCES, glossy_bounces=BOUNCES
     )
     # In the last two scenes our first bounce through EEVEE is Cycles' direct light.
     bounces = BOUNCES + (engine == "eevee" and name != "closed room")

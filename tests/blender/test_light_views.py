@@ -38,7 +38,7 @@ def lamp_of(scene, kind, place=UP, target=(0.0, 0.0, 0.0), energy=100.0):
 
 
 def cameras_of(scene, count=8, size=32):
-    frame = capture_frame(scene, CaptureOptions(samples=1, denoise=False))
+    frame = capture_frame(scene, CaptureOptions(samples=1, denoiser="none"))
     return light_cameras(scene.view_layers[0], frame, count, size)
 
 
@@ -73,7 +73,7 @@ def test_a_spots_camera_holds_its_cone(floor, degrees):
 
 def test_a_suns_camera_holds_most_of_what_the_frame_shows(floor):
     lamp_of(floor, "SUN", place=(3.0, 0.0, 3.0), energy=2.0)
-    frame = capture_frame(floor, CaptureOptions(samples=1, denoise=False))
+    frame = capture_frame(floor, CaptureOptions(samples=1, denoiser="none"))
     (camera,) = light_cameras(floor.view_layers[0], frame, 1, 32)
     y, x = np.mgrid[0:16, 0:16] + 0.5
     points = frame.camera.pixel_to_view(x, y, frame.gbuffer.depth).reshape(-1, 3)
@@ -146,6 +146,6 @@ def test_strength_of_a_lamp_is_what_a_surface_receives_from_it(floor, kind):
     lamp.data.use_shadow = False
     if kind == "AREA":
         lamp.data.size = 0.2
-    frame = capture_frame(floor, CaptureOptions(samples=64, denoise=False))
+    frame = capture_frame(floor, CaptureOptions(samples=64, denoiser="none"))
     received = np.pi * frame.gbuffer.direct[7:9, 7:9].mean() / WHITE[0]
     assert _irradiance(lamp, Vector((0.0, 0.0, 0.0))) == pytest.approx(float(received), rel=LAMP_IRRADIANCE)

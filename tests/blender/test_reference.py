@@ -17,7 +17,7 @@ from tests.blender.test_capture import direct_sum
 from tests.scenes import build_closed_room
 from tests.tolerances import PASS_SUM_RELATIVE
 
-FEW = ReferenceOptions(samples=4, denoise=False)
+FEW = ReferenceOptions(samples=4, denoiser="none")
 
 
 @pytest.fixture
@@ -42,7 +42,7 @@ def test_without_bounces_reference_and_capture_agree(room):
     """With the same light threshold both take the same samples."""
     room.cycles.light_sampling_threshold = 0.0
     reference = render_reference(room, replace(FEW, diffuse_bounces=0, glossy_bounces=0))
-    captured = capture_frame(room, CaptureOptions(samples=4, denoise=False))
+    captured = capture_frame(room, CaptureOptions(samples=4, denoiser="none"))
     assert np.array_equal(reference.combined, captured.gbuffer.direct)
     assert not reference.diffuse_indirect.any()
 
@@ -75,7 +75,7 @@ def test_clamping_and_fast_gi_of_the_scene_do_not_count(room):
 
 def test_denoising_smooths_the_combined_picture_alone(room):
     noisy = render_reference(room, FEW)
-    denoised = render_reference(room, replace(FEW, denoise=True))
+    denoised = render_reference(room, replace(FEW, denoiser="accurate"))
     if np.array_equal(noisy.combined, denoised.combined):
         pytest.skip("this Blender has no denoiser")
     assert np.array_equal(noisy.diffuse_indirect, denoised.diffuse_indirect)

@@ -219,7 +219,7 @@ def source(request, empty_file, monkeypatch):
 
 
 def captured_roughness(scene):
-    options = CaptureOptions(samples=1, denoise=False)
+    options = CaptureOptions(samples=1, denoiser="none")
     return capture_frame(scene, options).gbuffer.roughness
 
 

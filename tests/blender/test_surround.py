@@ -36,7 +36,7 @@ from tests.tolerances import (
 )
 
 SIZE = 12
-OPTIONS = CaptureOptions(samples=1, denoise=False, surround=SIZE, view_samples=1)
+OPTIONS = CaptureOptions(samples=1, denoiser="none", surround=SIZE, view_samples=1)
 
 
 @pytest.fixture
@@ -93,7 +93,7 @@ def test_each_direction_lies_in_one_face(room, rng):
 def test_front_face_is_a_frame_of_ninety_degrees(room):
     room.camera.data.lens = 18.0
     frame = capture_frame(
-        room, CaptureOptions(samples=16, denoise=False, resolution=(32, 32), surround=32, view_samples=16)
+        room, CaptureOptions(samples=16, denoiser="none", resolution=(32, 32), surround=32, view_samples=16)
     )
     front = frame.views[0][0]
     assert np.allclose(front.depth, frame.gbuffer.depth, rtol=SURROUND_DEPTH)
@@ -183,7 +183,7 @@ def test_faces_follow_a_camera_on_a_rig_to_the_captured_frame(room):
     for number, camera in ((5, other), (11, tracked)):
         room.timeline_markers.new("Cut", frame=number).camera = camera
     frame = capture_frame(
-        room, CaptureOptions(samples=1, denoise=False, surround=SIZE, view_samples=1, frame=11)
+        room, CaptureOptions(samples=1, denoiser="none", surround=SIZE, view_samples=1, frame=11)
     )
     assert_surrounds(frame.views, frame.camera.world_from_view)
     assert np.allclose(frame.camera.world_from_view[:3, 3], (0.4, -0.1, 1.2), atol=CAPTURED_GEOMETRY)
@@ -268,7 +268,7 @@ def test_orthographic_frame_lies_in_the_front_face(room):
 
 
 def test_no_surround_is_captured_unless_asked_for(room):
-    frame = capture_frame(room, CaptureOptions(samples=1, denoise=False))
+    frame = capture_frame(room, CaptureOptions(samples=1, denoiser="none"))
     assert frame.views == ()
     assert "surround" not in frame.seconds
 
@@ -295,14 +295,14 @@ def test_progress_goes_on_through_the_faces(room):
 
 @pytest.mark.parametrize("size", [1, 3])
 def test_small_faces_can_be_captured(room, size):
-    options = CaptureOptions(samples=1, denoise=False, surround=size)
+    options = CaptureOptions(samples=1, denoiser="none", surround=size)
     assert all(gbuffer.shape == (size, size) for gbuffer, _ in capture_frame(room, options).views)
 
 
 @pytest.mark.parametrize(("size", "message"), [(-1, "has no pixels"), (8193, "at most 8192")])
 def test_faces_of_impossible_size_are_refused(room, size, message):
     with pytest.raises(SSGIError, match=message):
-        capture_frame(room, CaptureOptions(samples=1, denoise=False, surround=size))
+        capture_frame(room, CaptureOptions(samples=1, denoiser="none", surround=size))
 
 
 # --- One scene for all renders of a capture ---------------------------------------------------------------

@@ -56,7 +56,7 @@ def captured(scene, cameras, engine="cycles"):
         )
         engine.borrow_scene(restorer, scene, view_layer)
         views, _ = capture_views(
-            engine, scene, view_layer, cameras, samples=1, denoise=False, progress=lambda _: None
+            engine, scene, view_layer, cameras, samples=1, denoiser="none", progress=lambda _: None
         )
     return views
 
