@@ -12,6 +12,7 @@ from typing import Any
 from ssgi_addon.bench.machine import describe_machine, describe_versions
 from ssgi_addon.files import write_json
 
+
 def store(path: Path, parameters: Mapping[str, Any], results: Any) -> None:
     """Write results with machine, versions and date.
 

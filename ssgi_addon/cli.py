@@ -183,7 +183,10 @@ def _add_bench(commands: Any, *, inside_blender: bool) -> None:
     add_option(parser, "--cold", BenchOptions, "cold")
     add_option(parser, "--flicker", BenchOptions, "flicker")
     parser.add_argument(
-        "--cache", metavar="DIR", type=Path, help="keeps the references (default: .cache/references beside DIR)"
+        "--cache",
+        metavar="DIR",
+        type=Path,
+        help="keeps the references (default: .cache/references beside DIR)",
     )
     parser.add_argument("--fresh", action="store_true", help="measure again what is measured already")
     parser.set_defaults(run=_bench, fail=parser.error, inside_blender=inside_blender)

@@ -32,7 +32,9 @@ def markdown_of(
 ) -> str:
     """Return all tables of a run."""
     parts = ["# Error against time", facts_line(facts)]
-    parts += [table_text(table) for table in (*comparison_tables(comparisons), switch_table(switches)) if table]
+    parts += [
+        table_text(table) for table in (*comparison_tables(comparisons), switch_table(switches)) if table
+    ]
     for state in states:
         parts.append(f"## {state.name}")
         if state.failure:

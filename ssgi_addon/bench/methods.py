@@ -19,6 +19,7 @@ EEVEE_SAMPLES = 16
 # A quick run: fewer steps of each ladder, by denoiser.
 _QUICK_LADDERS = {"raw": (1, 4), "fastest": (1, 2, 4, 8, 16), "best": (4,)}
 _QUICK_OURS_LADDER = (1, 4)
+_QUICK_SWITCHES = ("bitmask", "without fill")
 # A layer that is off is switched on so, and a layer that is on is switched off so.
 _ON: dict[str, Any] = {
     "fill": 16, "surround": 128, "stations": 8, "back_faces": True, "overscan": 1.5, "light_views": 4,
@@ -28,6 +29,10 @@ _OFF: dict[str, Any] = {
     "fill": 0, "surround": 0, "stations": 0, "back_faces": False, "overscan": 1.0, "light_views": 0,
     "behind": False,
 }  # fmt: skip
+_METHODS = {
+    "reflections": ("linear", "min_z", "hierarchical"),
+    "diffuse": ("hemisphere", "horizon", "bitmask"),
+}
 _UNLIMITED = 1000.0  # times the direct light's time: no layer is too dear
 
 
@@ -114,7 +119,7 @@ def all_methods(*, quick: bool = False) -> list[Method]:
         methods += _preset_ladder(preset, ladder)
     switches = _switches(DEFAULT_PRESET)
     if quick:
-        switches = [method for method in switches if "bitmask" in method.name or "fill" in method.name]
+        switches = [method for method in switches if method.name.endswith(_QUICK_SWITCHES)]
     return methods + switches
 
 
@@ -144,7 +149,9 @@ def _rivals(quick: bool) -> list[Method]:
         for denoiser in DENOISERS:
             ladder = _QUICK_LADDERS[denoiser] if quick else GI_LADDER
             methods += [cycles_method(light, samples, denoiser) for samples in ladder]
-    methods += [cycles_method("fast gi", samples, "fastest") for samples in FAST_GI_LADDER[: 2 if quick else 3]]
+    methods += [
+        cycles_method("fast gi", samples, "fastest") for samples in FAST_GI_LADDER[: 2 if quick else 3]
+    ]
     if not quick:
         for light, line in (("plain", "EEVEE"), ("raytracing", "EEVEE + raytracing")):
             methods.append(Method(f"{line} {EEVEE_SAMPLES}", line, "eevee", EEVEE_SAMPLES, light=light))
@@ -175,10 +182,14 @@ def _switches(preset: str) -> list[Method]:
     """Each switch that matters, flipped alone."""
     base = JobOptions.preset(preset, Path("."))
     flips: list[tuple[str, dict[str, Any]]] = []
-    for group, name in (("reflections", "method"), ("diffuse", "method")):
-        choices = {"reflections": ("linear", "min_z", "hierarchical"), "diffuse": ("hemisphere", "horizon", "bitmask")}
-        own = getattr(getattr(base.settings, group), name)
-        flips += [(f"{group} {choice}", {f"{group}.{name}": choice}) for choice in choices[group] if choice != own]
+    for group, choices in _METHODS.items():
+        own = getattr(base.settings, group).method
+        flips += [(f"{group} {choice}", {f"{group}.method": choice}) for choice in choices if choice != own]
+    flips += [
+        (f"denoiser {name}", {"denoiser": name}) for name in ("fast", "accurate") if name != base.denoiser
+    ]
+    title = "geometry with the light" if base.own_geometry else "own geometry"
+    flips.append((title, {"own_geometry": not base.own_geometry}))
     is_on = {name: getattr(base, name) != off for name, off in _OFF.items()}
     flips += [(f"without {_words(name)}", {name: _OFF[name]}) for name, on in is_on.items() if on]
     # What is added must not be left out for its time, and is told against the same without it

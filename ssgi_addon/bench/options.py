@@ -47,7 +47,11 @@ class BenchOptions:
     cache: Path | None = None
     fresh: bool = False
     repeats: int = option(
-        3, "Timed runs of each method after a warm-up, the best of which counts", label="Repeats", min=1, max=100
+        3,
+        "Timed runs of each method after a warm-up, the best of which counts",
+        label="Repeats",
+        min=1,
+        max=100,
     )
     reference_samples: int = option(
         128,

@@ -159,7 +159,11 @@ class _Processes:
         """Run a task and relay its progress; return how it ended, None where it ended well."""
         path = self.folder / "task.json"
         write_task(Task(kind, self.options, self.source, self.deadline, method), path)
-        own = [self.blender, "--command", "ssgi"] if self.blender else [sys.executable, "-m", __package__.split(".")[0]]
+        own = (
+            [self.blender, "--command", "ssgi"]
+            if self.blender
+            else [sys.executable, "-m", __package__.split(".")[0]]
+        )
         command = [*own, COMMAND, str(path)]
         last: deque[str] = deque(maxlen=_LAST_LINES)
         with (self.folder / "log.txt").open("a", encoding="utf-8") as log:

@@ -44,7 +44,9 @@ def method_key(method: Method, scene: str, options: BenchOptions) -> str:
         files = (path for folder in _RENDERING for path in _PACKAGE.glob(f"{folder}/*.py"))
         sources = sorted(path for path in files if not path.name.startswith("bench_"))
     identity = method.identity(options.resolution)
-    return digest(scene, identity, options.resolution, options.reference_samples, describe_machine(), *sources)
+    return digest(
+        scene, identity, options.resolution, options.reference_samples, describe_machine(), *sources
+    )
 
 
 @dataclass
@@ -53,8 +55,6 @@ class Record:
 
     Attributes
     ----------
-    method
-        Plain data of the `Method`.
     key
         Of `method_key`: other keys' records are measured anew.
     seconds
@@ -72,7 +72,6 @@ class Record:
         When it was measured last.
     """
 
-    method: dict[str, Any]
     key: str
     seconds: list[float] = field(default_factory=list)
     best: dict[str, Any] = field(default_factory=dict)
@@ -126,7 +125,7 @@ class SceneState:
         """Return the method's record: an old one if its key still holds."""
         found = self.records.get(method.name)
         if found is None or found.key != key:
-            found = self.records[method.name] = Record(asdict(method), key)
+            found = self.records[method.name] = Record(key)
         return found
 
     def save(self, folder: Path) -> None:

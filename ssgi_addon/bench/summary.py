@@ -16,7 +16,10 @@ Points = Mapping[str, Sequence[Point]]
 
 # What artists render with today when they are in a hurry.
 YARDSTICKS = tuple(cycles_method("gi", samples, "fastest").name for samples in (1, 4))
-QUESTIONS = {"picture": "the whole picture, all seconds", "replaced": "the indirect light alone, seconds beyond direct"}
+QUESTIONS = {
+    "picture": "the whole picture, all seconds",
+    "replaced": "the indirect light alone, seconds beyond direct",
+}
 
 
 @dataclass(frozen=True)

@@ -100,7 +100,10 @@ def subset_table(points: Sequence[Point], state: SceneState) -> Table:
     subsets = ("known", "silhouettes", "rest")
     head = ("Method", *(f"{title}: {subset}" for _, title in targets for subset in subsets))
     rows = tuple(
-        (point.method, *(number(point.score(target, "relmse", subset)) for target, _ in targets for subset in subsets))
+        (
+            point.method,
+            *(number(point.score(target, "relmse", subset)) for target, _ in targets for subset in subsets),
+        )
         for point in points
     )
     known = ", ".join(f"{name} {share:.0%}" for name, share in shares.items())
@@ -122,7 +125,11 @@ def flicker_table(state: SceneState) -> Table | None:
     """Return the frame-to-frame change of the error, where it was measured."""
     found = state.flicker.get("methods", {})
     rows = tuple((name, number(own["rms"]), number(own["seconds"])) for name, own in found.items())
-    return Table("Flicker over a slow camera move", ("Method", "RMS, of 255", "Seconds a frame"), rows) if rows else None
+    return (
+        Table("Flicker over a slow camera move", ("Method", "RMS, of 255", "Seconds a frame"), rows)
+        if rows
+        else None
+    )
 
 
 def reference_line(state: SceneState) -> str:

@@ -55,7 +55,9 @@ def read_task(path: Path) -> Task:
     """Read what `write_task` wrote."""
     data = read_json(path)
     given = data.pop("options")
-    options = BenchOptions(**{item.name: _typed(item.name, given[item.name]) for item in fields(BenchOptions)})
+    options = BenchOptions(
+        **{item.name: _typed(item.name, given[item.name]) for item in fields(BenchOptions)}
+    )
     source = data.pop("source")
     path_ = None if source["path"] is None else Path(source["path"])
     return Task(options=options, source=SceneSource(source["name"], path_), **data)

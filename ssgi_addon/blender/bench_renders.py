@@ -27,8 +27,8 @@ FloatArray = NDArray[np.float32]
 Size = tuple[int, int]
 
 INDIRECT = ("Diffuse Indirect", "Glossy Indirect")
-# Quality and prefilter of OpenImageDenoise
-_DENOISERS = {"fastest": ("FAST", "NONE"), "best": ("HIGH", "ACCURATE")}
+# What `borrow_denoiser` calls those of the methods.
+_DENOISERS = {"raw": "none", "fastest": "fast", "best": "accurate"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,9 +64,16 @@ def borrow_bench(restorer: Restorer, scene: bpy.types.Scene, size: Size, engine_
     borrow_scene(restorer, scene, resolution=size, engine_id=engine_id)
     restorer.change(scene.render, use_persistent_data=True)
     if engine_id == CYCLES:
-        restorer.change(
-            scene.cycles, sample_clamp_direct=0.0, sample_clamp_indirect=0.0, light_sampling_threshold=0.0
-        )
+        borrow_unbiased(restorer, scene)
+
+
+def borrow_unbiased(restorer: Restorer, scene: bpy.types.Scene) -> None:
+    """Switch off what makes Cycles' light darker than it is, and let all use one denoiser."""
+    restorer.change(
+        scene.cycles, sample_clamp_direct=0.0, sample_clamp_indirect=0.0, light_sampling_threshold=0.0
+    )
+    if compat.has_denoiser(scene):
+        restorer.change(scene.cycles, denoiser="OPENIMAGEDENOISE", denoising_input_passes="RGB_ALBEDO_NORMAL")
 
 
 def why_not(scene: bpy.types.Scene, method: Method, missing_gl: str | None) -> str | None:
@@ -130,21 +137,6 @@ def run_method(
     return replace(run, seconds=seconds, memory_mb=peak_memory_since(reset=False))
 
 
-def borrow_cycles_denoiser(
-    restorer: Restorer, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, name: str
-) -> None:
-    """Let Cycles denoise by one of `bench.methods.DENOISERS`."""
-    if borrow_denoiser(restorer, scene, view_layer, name != "raw"):
-        quality, prefilter = _DENOISERS[name]
-        restorer.change(
-            scene.cycles,
-            denoiser="OPENIMAGEDENOISE",
-            denoising_input_passes="RGB_ALBEDO_NORMAL",
-            denoising_quality=quality,
-            denoising_prefilter=prefilter,
-        )
-
-
 def _render_cycles(
     restorer: Restorer,
     scene: bpy.types.Scene,
@@ -159,7 +151,7 @@ def _render_cycles(
         restorer.change(scene.cycles, diffuse_bounces=0, glossy_bounces=0)
     if method.light == "fast gi":
         restorer.change(scene.cycles, use_fast_gi=True)
-    borrow_cycles_denoiser(restorer, scene, view_layer, method.denoiser)
+    borrow_denoiser(restorer, scene, view_layer, _DENOISERS[method.denoiser])
     borrow_passes(restorer, view_layer, passes)
     return render_passes(scene, view_layer, passes).layers
 

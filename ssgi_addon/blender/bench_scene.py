@@ -94,7 +94,9 @@ class SceneBench:
                 self.options.reference_samples,
                 lambda fraction, text: self.progress(_REFERENCE_SHARE * fraction, text),
             )
-            self.mean = {name: getattr(self.truth, name).mean(axis=0) for name in ("combined", "direct", *_PASS_NAMES)}
+            self.mean = {
+                name: getattr(self.truth, name).mean(axis=0) for name in ("combined", "direct", *_PASS_NAMES)
+            }
             self.subsets = self._subsets()
             self._describe()
             self._take_turns([method for method in self.methods if method.kind != "eevee"])

@@ -14,7 +14,7 @@ from ..bench.tasks import Task, read_task, tell
 from ..files import write_json
 from ..results import peak_memory_mb
 from . import demo_scene
-from .bench_renders import run_method
+from .bench_renders import borrow_unbiased, run_method
 from .bench_scene import SceneBench
 from .job import open_scene
 from .render_settings import borrow_scene
@@ -65,9 +65,7 @@ def _measure_cold(scene: bpy.types.Scene, task: Task, path: Path) -> None:
     method = next(method for method in task.methods() if method.name == task.method)
     with Restorer() as restorer:
         borrow_scene(restorer, scene, resolution=task.options.resolution)
-        restorer.change(
-            scene.cycles, sample_clamp_direct=0.0, sample_clamp_indirect=0.0, light_sampling_threshold=0.0
-        )
+        borrow_unbiased(restorer, scene)
         begun = time.perf_counter()
         run_method(scene, method, task.options.resolution)
         seconds = time.perf_counter() - begun
