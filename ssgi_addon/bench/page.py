@@ -29,11 +29,13 @@ from .tables import (
     switch_table,
 )
 
-_READING = """<p>Each point is one way to a picture: the seconds from the open scene to the finished picture in
-memory, and how far that picture is from the reference. Left and low is better. The grey band is the frontier: what
-no other method beats. Stars are our presets as they are shipped; numbers beside points are samples.</p>
-<p>All seconds in plots are warm: the scene is resident, the best of several runs in turns. Cold ones, from a process
-of its own, stand in the table. Clamping, adaptive sampling and the light threshold are off for all.</p>"""
+_READING = """<p>Each point is one way to a picture: the seconds from the open scene to the finished
+picture in memory, and how far that picture is from the reference. Left and low is better. The grey band is
+the frontier: what no other method beats. Stars are our presets as they are shipped; numbers beside points are
+samples.</p>
+<p>All seconds in plots are warm: the scene is resident, the best of several runs in turns. Cold ones, from a
+process of its own, stand in the table. Clamping, adaptive sampling and the light threshold are off for
+all.</p>"""
 
 
 def page_of(
@@ -66,8 +68,8 @@ def page_of(
 <section>
 <h2>Over all scenes</h2>
 {_READING}
-<p>Ratios below are ours over theirs: below 1 ours is better. Between measured points the frontier is followed along
-straight lines of the plot.</p>
+<p>Ratios below are ours over theirs: below 1 ours is better. Between measured points the frontier is followed
+along straight lines of the plot.</p>
 {"".join(summary)}
 </section>
 {"".join(sections)}
@@ -125,7 +127,7 @@ def _plots(state: SceneState, points: Sequence[Point]) -> list[str]:
             "All numbers stand in the tables below."
         )
         picture = _image(draw_plot(own, label, across), "image/svg+xml", alt)
-        found.append(f"<figure><figcaption>{escape(title)}</figcaption>{picture}</figure>")
+        found.append(f'<figure class="plot"><figcaption>{escape(title)}</figcaption>{picture}</figure>')
     return found
 
 

@@ -2,13 +2,23 @@
 """How the report's page looks."""
 
 STYLE = """
-:root { color-scheme: light; --ink: #1d2228; --quiet: #5b6570; --line: #dfe3e8; --paper: #ffffff; --wash: #f5f7f9; --accent: #c2410c; }
+:root {
+  color-scheme: light;
+  --ink: #1d2228; --quiet: #5b6570; --line: #dfe3e8; --paper: #ffffff; --wash: #f5f7f9; --accent: #b53a0a;
+}
 * { box-sizing: border-box; }
-body { margin: 0; background: var(--paper); color: var(--ink); font: 16px/1.55 system-ui, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif; }
+body {
+  margin: 0; background: var(--paper); color: var(--ink);
+  font: 16px/1.55 system-ui, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif;
+}
 header, main { max-width: 76rem; margin: 0 auto; padding: 0 1.5rem; }
 header { padding-top: 2.5rem; }
+main { padding-bottom: 4rem; }
 h1 { font-size: 2.1rem; line-height: 1.15; letter-spacing: -0.02em; margin: 0 0 0.5rem; }
-h2 { font-size: 1.45rem; letter-spacing: -0.01em; margin: 3rem 0 0.5rem; padding-top: 1.25rem; border-top: 2px solid var(--ink); }
+h2 {
+  font-size: 1.45rem; letter-spacing: -0.01em; margin: 3rem 0 0.5rem; padding-top: 1.25rem;
+  border-top: 2px solid var(--ink);
+}
 h3 { font-size: 1.05rem; margin: 1.75rem 0 0.5rem; }
 p { max-width: 48rem; margin: 0.5rem 0; }
 .facts { color: var(--quiet); font-size: 0.85rem; }
@@ -16,7 +26,10 @@ nav a { color: var(--accent); margin-right: 0.9rem; }
 figure { margin: 1.25rem 0; }
 figcaption { font-weight: 600; margin-bottom: 0.4rem; }
 img { max-width: 100%; height: auto; display: block; }
-.pictures { display: grid; grid-template-columns: repeat(auto-fill, minmax(17.5rem, 1fr)); gap: 1rem; margin: 1.5rem 0; }
+.plot img { width: 100%; }
+.pictures {
+  display: grid; grid-template-columns: repeat(auto-fill, minmax(21rem, 1fr)); gap: 1rem; margin: 1.5rem 0;
+}
 .pictures figure { margin: 0; background: var(--wash); border: 1px solid var(--line); }
 .pictures img { width: 100%; }
 .pictures figcaption { font-weight: 400; font-size: 0.85rem; margin: 0; padding: 0.5rem 0.7rem; }
@@ -32,5 +45,4 @@ details { margin: 0.9rem 0; }
 summary { cursor: pointer; font-weight: 600; color: var(--accent); }
 details > .scroll, details > ul { margin-top: 0.5rem; font-size: 0.83rem; }
 .failure { color: #b42318; font-weight: 600; }
-@media print { details > * { display: block; } nav { display: none; } }
 """

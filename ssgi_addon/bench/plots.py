@@ -116,8 +116,8 @@ def _draw_switches(axes: Any, dots: Sequence[Dot]) -> None:
 
 def _label(axes: Any, dot: Dot, text: str, color: str, size: float) -> None:
     axes.annotate(
-        text, (dot.seconds, dot.error), xytext=(3.5, 3.5), textcoords="offset points", fontsize=size, color=color,
-        zorder=7,
+        text, (dot.seconds, dot.error), xytext=(3.5, 3.5), textcoords="offset points", fontsize=size,
+        color=color, zorder=7,
     )  # fmt: skip
 
 

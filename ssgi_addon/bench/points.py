@@ -89,8 +89,8 @@ def dots(points: Iterable[Point], target: str) -> list[Dot]:
     points
         Of one scene.
     target
-        ``"picture"``, ``"replaced"`` (seconds beyond the direct light) or ``"passes"`` (seconds of our passes,
-        error of the picture).
+        ``"picture"``, ``"replaced"`` (seconds beyond the direct light) or ``"passes"`` (seconds of our
+        passes, error of the picture).
     """
     found = []
     for point in points:

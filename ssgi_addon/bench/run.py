@@ -159,11 +159,9 @@ class _Processes:
         """Run a task and relay its progress; return how it ended, None where it ended well."""
         path = self.folder / "task.json"
         write_task(Task(kind, self.options, self.source, self.deadline, method), path)
-        own = (
-            [self.blender, "--command", "ssgi"]
-            if self.blender
-            else [sys.executable, "-m", __package__.split(".")[0]]
-        )
+        own = [sys.executable, "-m", "ssgi_addon"]
+        if self.blender:
+            own = [self.blender, "--command", "ssgi"]
         command = [*own, COMMAND, str(path)]
         last: deque[str] = deque(maxlen=_LAST_LINES)
         with (self.folder / "log.txt").open("a", encoding="utf-8") as log:
@@ -200,7 +198,7 @@ def _environment() -> dict[str, str]:
 
 @contextmanager
 def _private_resources(blender: str) -> Iterator[None]:
-    """Keep preferences and extensions of the user out of Blender as a module; a Blender has ours in its own."""
+    """Keep the user's preferences out of Blender as a module; a Blender has this extension in its own."""
     if blender or "BLENDER_USER_RESOURCES" in os.environ:
         yield
         return

@@ -38,10 +38,9 @@ def facts_line(facts: Mapping[str, Any]) -> str:
     memory = f", {machine['memory_gb']:g} GB" if machine["memory_gb"] else ""
     known = ", ".join(f"{name} {version}" for name, version in versions.items() if version)
     how = "quick run, " if options["quick"] else ""
-    return (
-        f"{machine['cpu']}, {machine['cores']} cores{memory}, {machine['system']}; {known}; {how}{size} pixels, "
-        f"best of {options['repeats']}, reference of 2 × {options['reference_samples']} samples; {facts['date']}"
-    )
+    where = f"{machine['cpu']}, {machine['cores']} cores{memory}, {machine['system']}"
+    reference = f"reference of 2 × {options['reference_samples']} samples"
+    return f"{where}; {known}; {how}{size} pixels, best of {options['repeats']}, {reference}; {facts['date']}"
 
 
 def comparison_tables(comparisons: Mapping[str, Sequence[Comparison]]) -> list[Table]:
@@ -74,8 +73,8 @@ def switch_table(switches: Sequence[Switch]) -> Table | None:
 def scene_table(points: Sequence[Point]) -> Table:
     """Return every method of a scene: time, memory, and errors of the picture and of what is replaced."""
     head = (
-        "Method", "Seconds", "Spread", "Beyond direct", "Passes", "Cold", "Peak MB", "Cold MB", "relMSE", "with worst",
-        "Bias", "SSIM", "FLIP", "Indirect relMSE", "Diffuse relMSE", "Glossy relMSE",
+        "Method", "Seconds", "Spread", "Beyond direct", "Passes", "Cold", "Peak MB", "Cold MB", "relMSE",
+        "with worst", "Bias", "SSIM", "FLIP", "Indirect relMSE", "Diffuse relMSE", "Glossy relMSE",
     )  # fmt: skip
     return Table("Every method", head, tuple(_point_row(point) for point in points))
 
@@ -136,11 +135,18 @@ def reference_line(state: SceneState) -> str:
     """Return how good the reference is."""
     reference = state.reference
     own = reference["own_error"]
+    errors = ", ".join(
+        f"{number(own[name], 2)} ({title})"
+        for name, title in (
+            ("combined", "picture"),
+            ("diffuse", "Diffuse Indirect"),
+            ("glossy", "Glossy Indirect"),
+        )
+    )
     return (
-        f"Reference: {reference['samples']} samples in two halves, {reference['seconds']:.0f} s. By what the halves "
-        f"differ its own relMSE is {number(own['combined'], 2)} (picture), {number(own['diffuse'], 2)} (Diffuse "
-        f"Indirect), {number(own['glossy'], 2)} (Glossy Indirect); points less than {REFERENCE_MARGIN:g} times above "
-        "it are marked *."
+        f"Reference: {reference['samples']} samples in two halves, {reference['seconds']:.0f} s. By what the "
+        f"halves differ its own relMSE is {errors}; points less than {REFERENCE_MARGIN:g} times above it are "
+        "marked *."
     )
 
 

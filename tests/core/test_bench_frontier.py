@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import pytest
 from hypothesis import given
@@ -47,7 +48,7 @@ def test_before_the_first_point_nothing_is_as_fast_and_after_the_last_nothing_is
 def test_no_point_beats_the_frontier_and_more_time_brings_no_more_error(cloud, seconds):
     front = frontier(cloud)
     assert [spot.seconds for spot in front] == sorted({spot.seconds for spot in front})
-    assert all(one.error > other.error for one, other in zip(front, front[1:]))
+    assert all(one.error > other.error for one, other in pairwise(front))
     now, later = error_at(cloud, seconds), error_at(cloud, 2.0 * seconds)
     if now is not None:
         assert later <= now * (1.0 + 1e-12)
