@@ -9,10 +9,11 @@ import sys
 import tempfile
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TextIO
 
 from ..core import parallel
 from ..errors import SSGIError
@@ -164,29 +165,33 @@ class _Processes:
             own = [self.blender, "--command", "ssgi"]
         command = [*own, COMMAND, str(path)]
         last: deque[str] = deque(maxlen=_LAST_LINES)
-        with (self.folder / "log.txt").open("a", encoding="utf-8") as log:
-            process = subprocess.Popen(
+        with (
+            (self.folder / "log.txt").open("a", encoding="utf-8") as log,
+            subprocess.Popen(
                 command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace",
                 env=_environment(),
-            )  # fmt: skip
+            ) as process,
+        ):  # fmt: skip
             try:
-                for line in process.stdout or ():
-                    told = understand(line)
-                    if told is not None:
-                        self.progress(*told)
-                        continue
-                    log.write(line)
-                    if line.strip():
-                        last.append(line.strip())
+                self._relay(process.stdout, log, last)
             except BaseException:
                 process.kill()
                 raise
-            finally:
-                process.wait()
         if process.returncode == 0:
             return None
         said = next((line for line in reversed(last) if line.startswith("ssgi: error: ")), "")
         return said.removeprefix("ssgi: error: ") or f"exit status {process.returncode}; see {log.name}"
+
+    def _relay(self, lines: Iterable[str], log: TextIO, last: deque[str]) -> None:
+        """Pass progress on, and keep all else that a process prints."""
+        for line in lines:
+            told = understand(line)
+            if told is not None:
+                self.progress(*told)
+                continue
+            log.write(line)
+            if line.strip():
+                last.append(line.strip())
 
 
 def _environment() -> dict[str, str]:
