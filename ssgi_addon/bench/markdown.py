@@ -16,6 +16,7 @@ from .tables import (
     facts_line,
     flicker_table,
     gaps,
+    measured_line,
     reference_line,
     scene_table,
     subset_table,
@@ -42,7 +43,7 @@ def markdown_of(
         if not points[state.name]:
             continue
         own = points[state.name]
-        parts.append(reference_line(state))
+        parts.append(f"{reference_line(state)} {measured_line(state)}")
         tables = (scene_table(own), subset_table(own, state), apply_table(own), flicker_table(state))
         parts += [table_text(table, level=3) for table in tables if table]
         missing = gaps(state)

@@ -137,9 +137,12 @@ def chosen(methods: Iterable[Method], words: Sequence[str]) -> list[Method]:
     return [method for method in methods if method in wanted or method.name in partners]
 
 
-def by_priority(methods: Iterable[Method]) -> list[Method]:
-    """Sort so that what matters most is measured first: time may be short."""
-    return sorted(methods, key=lambda method: (not method.headline, method.role == "switch"))
+def tiers(methods: Iterable[Method]) -> list[list[Method]]:
+    """Split methods into those that matter most, the other steps of the ladders, and the switches."""
+    methods = list(methods)
+    main = [method for method in methods if method.headline]
+    ladders = [method for method in methods if not method.headline and method.role != "switch"]
+    return [tier for tier in (main, ladders, [m for m in methods if m.role == "switch"]) if tier]
 
 
 def _rivals(quick: bool) -> list[Method]:

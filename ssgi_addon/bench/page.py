@@ -11,7 +11,7 @@ from typing import Any
 
 from .options import BenchOptions
 from .page_style import STYLE
-from .plots import draw_plot
+from .plots import as_jpeg, draw_plot
 from .points import Point, dots
 from .store import SceneState, picture_path, scene_folder
 from .summary import Comparison, Switch
@@ -22,6 +22,7 @@ from .tables import (
     facts_line,
     flicker_table,
     gaps,
+    measured_line,
     number,
     reference_line,
     scene_table,
@@ -88,7 +89,7 @@ def _section(options: BenchOptions, state: SceneState, points: Sequence[Point]) 
     if state.failure:
         parts.append(f'<p class="failure">Not measured: {escape(state.failure)}</p>')
     if points:
-        parts.append(f"<p>{escape(reference_line(state))}</p>")
+        parts.append(f"<p>{escape(reference_line(state))} {escape(measured_line(state))}</p>")
         parts += _plots(state, points)
         parts.append(_pictures(options, state, points))
         folded = (scene_table(points), subset_table(points, state))
@@ -155,7 +156,7 @@ def _pictures(options: BenchOptions, state: SceneState, points: Sequence[Point])
 
 
 def _photo(path: Path, alt: str) -> str:
-    return _image(path.read_bytes(), "image/png", alt) if path.is_file() else ""
+    return _image(as_jpeg(path), "image/jpeg", alt) if path.is_file() else ""
 
 
 def _image(data: bytes, kind: str, alt: str) -> str:

@@ -12,6 +12,7 @@ from .store import SceneState
 from .summary import QUESTIONS, Comparison, Switch
 
 NOTHING = "–"
+_SOFTWARE_GL = ("llvmpipe", "softpipe", "swrast", "software")
 
 
 @dataclass(frozen=True)
@@ -129,6 +130,15 @@ def flicker_table(state: SceneState) -> Table | None:
         if rows
         else None
     )
+
+
+def measured_line(state: SceneState) -> str:
+    """Return when a scene was measured, and by what EEVEE drew."""
+    dates = sorted(record.date for record in state.records.values() if record.date)
+    drawn = state.facts.get("opengl", "")
+    is_software = any(name in drawn.lower() for name in _SOFTWARE_GL)
+    eevee = f" EEVEE by {drawn}{', software GL' if is_software else ''}." if drawn else ""
+    return f"Measured from {dates[0]} to {dates[-1]}.{eevee}" if dates else eevee.strip()
 
 
 def reference_line(state: SceneState) -> str:

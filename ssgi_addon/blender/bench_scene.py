@@ -12,12 +12,13 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bench.methods import Method, cycles_method, shipped_preset
+from ..bench.methods import Method, cycles_method, shipped_preset, tiers
 from ..bench.options import BenchOptions
 from ..bench.scores import Scores, score
 from ..bench.store import Record, SceneState, method_key, picture_path, scene_folder
 from ..core.metrics import pixel_subsets
 from ..core.types import BoolArray
+from ..files import replacing
 from ..heatmap import error_map
 from ..job_options import DEFAULT_PRESET
 from ..png import write_png
@@ -25,7 +26,7 @@ from . import compat
 from .bench_reference import truth_of
 from .bench_renders import INDIRECT, Run, borrow_bench, kind_of_state, run_method, why_not
 from .display import to_display
-from .gl_driver import missing_gl_driver
+from .gl_driver import missing_gl_driver, renderer_name
 from .restore import Restorer
 
 FloatArray = NDArray[np.float32]
@@ -34,6 +35,8 @@ Progress = Callable[[float, str], None]
 # A run that takes longer says enough by itself: its warm-up is a single sample, and it is not repeated.
 LONG_SECONDS = 12.0
 _REFERENCE_SHARE = 0.2
+# Of the time that is left: a round of timed runs takes a little longer than that of the warm-ups.
+_WARM_UP_SHARE = 0.45
 _PASS_NAMES = ("diffuse", "glossy")
 
 
@@ -99,31 +102,34 @@ class SceneBench:
             }
             self.subsets = self._subsets()
             self._describe()
-            self._take_turns([method for method in self.methods if method.kind != "eevee"])
+            self._measure_all([method for method in self.methods if method.kind != "eevee"])
         eevee = [method for method in self.methods if method.kind == "eevee"]
         if eevee and missing_gl_driver() is None:
             with Restorer() as restorer:
                 borrow_bench(restorer, self.scene, self.options.resolution, compat.eevee_engine_id())
-                self._take_turns(eevee)
+                self._measure_all(eevee)
+            self.state.facts["opengl"] = renderer_name()
         else:
-            self._take_turns(eevee)
+            self._measure_all(eevee)
         self._write_pictures()
+        self._save()
 
     def _subsets(self) -> dict[str, dict[str, BoolArray]]:
         """Return the parts of the pixels for each target: what the default preset could answer, for all."""
         path = self.folder / "known.npz"
         preset = shipped_preset(DEFAULT_PRESET)
         key = method_key(preset, self.state.key, self.options)
-        known = None
+        known: dict[str, FloatArray] = {}
         if path.is_file():
             with np.load(path) as kept:
-                known = dict(kept) if str(kept["key"]) == key else None
-        if known is None:
+                if str(kept["key"]) == key:
+                    known = {name: kept[name] for name in _PASS_NAMES}
+        if not known:
             self.progress(_REFERENCE_SHARE, "What rays can answer")
             light = run_method(self.scene, preset, self.options.resolution).picture.light
             known = {"diffuse": light.known_diffuse, "glossy": light.known_glossy}
-            path.parent.mkdir(parents=True, exist_ok=True)
-            np.savez(path, key=key, **known)
+            with replacing(path) as temporary, temporary.open("wb") as file:
+                np.savez(file, key=np.array(key), **known)
         known["picture"] = np.minimum(known["diffuse"], known["glossy"])
         return {name: pixel_subsets(self.truth.depth, known[name]) for name in ("picture", *_PASS_NAMES)}
 
@@ -145,15 +151,24 @@ class SceneBench:
         }
         self._save()
 
-    def _take_turns(self, methods: Sequence[Method]) -> None:
-        """Warm each method up, then run all in turns until each has its timed runs."""
+    def _measure_all(self, methods: Sequence[Method]) -> None:
+        """Measure methods of one engine: all in turns, or the main ones first where time is short."""
         pending = [method for method in methods if self._is_pending(method)]
         self.done, self.planned = 0, max(1, len(pending) * (1 + self.options.repeats))
+        for tier in tiers(pending) if self.options.minutes else [pending]:
+            self._take_turns(tier)
+
+    def _take_turns(self, pending: Sequence[Method]) -> None:
+        """Warm each method up, then run all in turns until each has its timed runs."""
+        now = time.time()
+        # What is warm shall be timed, too
+        until = now + _WARM_UP_SHARE * (self.deadline - now)
         for method in pending:
-            self._guarded(method, self._warm_up)
+            self._guarded(method, self._warm_up, until)
+        warm = [method for method in pending if method.name not in self.state.left_out]
         for _ in range(self.options.repeats):
-            for method in pending:
-                self._guarded(method, self._timed)
+            for method in warm:
+                self._guarded(method, self._timed, self.deadline)
 
     def _is_pending(self, method: Method) -> bool:
         """Return whether a method is to be run; note why not."""
@@ -172,13 +187,13 @@ class SceneBench:
         is_long = record.seconds and min(record.seconds) > LONG_SECONDS
         return 1 if is_long else self.options.repeats
 
-    def _guarded(self, method: Method, work: Callable[[Method], None]) -> None:
-        """Run a method; what goes wrong is its own affair."""
+    def _guarded(self, method: Method, work: Callable[[Method], None], until: float) -> None:
+        """Run a method if that begins in time; what goes wrong is its own affair."""
         self.done += 1
         record = self._record(method)
         if record.failure is not None or len(record.seconds) >= self._wanted(record):
             return
-        if time.time() > self.deadline:
+        if time.time() >= until:
             if not record.seconds:
                 self.state.left_out[method.name] = "the time was up"
             return

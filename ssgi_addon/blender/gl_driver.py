@@ -55,6 +55,13 @@ def missing_gl_driver() -> str | None:
     return "no OpenGL driver starts"
 
 
+def renderer_name() -> str:
+    """Return what OpenGL draws with, once something was drawn; software renderers say so by their name."""
+    import gpu
+
+    return gpu.platform.renderer_get()
+
+
 def _initializes(egl: ctypes.CDLL, display: int) -> bool:
     nothing = ctypes.c_void_p(None)
     return bool(egl.eglInitialize(ctypes.c_void_p(display), nothing, nothing))

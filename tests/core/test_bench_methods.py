@@ -11,10 +11,10 @@ from ssgi_addon import job_options
 from ssgi_addon.bench.methods import (
     GI_LADDER,
     all_methods,
-    by_priority,
     chosen,
     cycles_method,
     shipped_preset,
+    tiers,
 )
 from ssgi_addon.bench.options import BenchOptions, SceneSource, find_scenes
 from ssgi_addon.bench.store import Record, SceneState, load_scene, method_key, scene_folder, scene_key
@@ -85,10 +85,12 @@ def test_words_choose_methods_with_the_direct_light_that_they_need():
 
 
 def test_main_methods_come_first_and_switches_last():
-    ordered = by_priority(all_methods())
-    assert {method.name for method in ordered} == {method.name for method in all_methods()}
-    ranks = [(not method.headline, method.role == "switch") for method in ordered]
-    assert ranks == sorted(ranks)
+    main, ladders, switches = tiers(all_methods())
+    assert {*main, *ladders, *switches} == set(all_methods())
+    assert len(main) + len(ladders) + len(switches) == len(all_methods())
+    assert all(method.headline for method in main)
+    assert {method.role for method in ladders} == {"ladder"}
+    assert tiers(chosen(all_methods(), ["EEVEE"])) == [chosen(all_methods(), ["EEVEE"])]
 
 
 def test_key_of_a_method_follows_its_options_the_scene_and_the_size(monkeypatch):
