@@ -8,6 +8,7 @@ import json
 import re
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -37,16 +38,18 @@ def scene_key(source: SceneSource) -> str:
     return digest(*sorted(_PACKAGE.glob("blender/demo_*.py")), _PACKAGE / "blender" / "build.py")
 
 
+@cache
+def _rendering_code() -> str:
+    """Return a hash of the sources that decide what our methods render, as they are at the first call."""
+    files = (path for folder in _RENDERING for path in _PACKAGE.glob(f"{folder}/*.py"))
+    return digest(*sorted(path for path in files if not path.name.startswith("bench_")))
+
+
 def method_key(method: Method, scene: str, options: BenchOptions) -> str:
     """Return a hash of all that decides what a method renders, and where; of ours with the sources."""
-    sources = []
-    if method.kind == "ours":
-        files = (path for folder in _RENDERING for path in _PACKAGE.glob(f"{folder}/*.py"))
-        sources = sorted(path for path in files if not path.name.startswith("bench_"))
+    sources = _rendering_code() if method.kind == "ours" else ""
     identity = method.identity(options.resolution)
-    return digest(
-        scene, identity, options.resolution, options.reference_samples, describe_machine(), *sources
-    )
+    return digest(scene, identity, options.resolution, options.reference_samples, describe_machine(), sources)
 
 
 @dataclass
