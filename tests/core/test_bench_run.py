@@ -4,14 +4,16 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import ClassVar
 
 import pytest
 
 pytest.importorskip("matplotlib")
 
+from ssgi_addon import cli
 from ssgi_addon.bench import run
-from ssgi_addon.bench.options import BenchOptions, SceneSource
+from ssgi_addon.bench.options import QUICK_REFERENCE_SAMPLES, QUICK_REPEATS, BenchOptions, SceneSource
 from ssgi_addon.bench.store import load_scene, scene_folder
 from ssgi_addon.errors import SSGIError
 from tests.core.bench_points import METHODS, made_up_state
@@ -124,3 +126,67 @@ def test_estimate_grows_with_the_pixels_and_names_the_limit():
     )
     assert "stopped after 30" in small
     assert int(small.split("roughly ")[1].split()[0]) < int(large.split("roughly ")[1].split()[0])
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """Stand in for the run, and keep the options that it was asked for."""
+    found = []
+
+    def run_bench(options, progress, *, blender):
+        found.append((options, blender))
+        return options.output / "index.html"
+
+    monkeypatch.setattr(run, "run_bench", run_bench)
+    monkeypatch.setattr(cli, "require_bpy", lambda: None)
+    return found
+
+
+def test_command_line_has_the_defaults_of_the_options(asked, capsys):
+    assert cli.main(["bench", "--output", "out"]) == 0
+    assert asked == [(BenchOptions(Path("out")), "")]
+    assert capsys.readouterr().out == f"report: {Path('out') / 'index.html'}\n"
+
+
+def test_command_line_hands_every_option_on(asked):
+    line = (
+        "bench --output out --scenes demo a.blend --methods GI draft --resolution 96x54 --repeats 5 "
+        "--reference-samples 7 --budget 2.5 --no-cold --flicker --cache kept --fresh"
+    )
+    assert cli.main(line.split()) == 0
+    assert asked[0][0] == BenchOptions(
+        Path("out"),
+        scenes=("demo", "a.blend"),
+        methods=("GI", "draft"),
+        resolution=(96, 54),
+        repeats=5,
+        reference_samples=7,
+        minutes=2.5,
+        cold=False,
+        flicker=True,
+        cache=Path("kept"),
+        fresh=True,
+    )
+
+
+def test_quick_run_repeats_less_unless_it_is_told_how_often(asked):
+    assert cli.main(["bench", "--output", "out", "--quick"]) == 0
+    assert cli.main(["bench", "--output", "out", "--quick", "--repeats", "7"]) == 0
+    assert [options.repeats for options, _ in asked] == [QUICK_REPEATS, 7]
+    assert {options.reference_samples for options, _ in asked} == {QUICK_REFERENCE_SAMPLES}
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["bench", "bench --output out --repeats 0", "bench --output out --quick --flicker", "bench-worker"],
+)
+def test_bad_usage_is_refused(asked, line):
+    assert cli.main(line.split()) == 2
+    assert asked == []
+
+
+def test_worker_stands_in_no_help(capsys):
+    assert cli.main(["--help"]) == 0
+    out = capsys.readouterr().out
+    assert "bench " in out
+    assert "bench-worker" not in out
