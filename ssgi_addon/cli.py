@@ -12,8 +12,7 @@ from typing import Any, NoReturn
 
 from . import __version__
 from .arguments import add_option, frame_range, integer, resolution, whole_number
-from .bench.options import QUICK_REFERENCE_SAMPLES, QUICK_REPEATS, BenchOptions
-from .bench.tasks import COMMAND as BENCH_WORKER
+from .bench.command import add_bench
 from .bpy_module import require_bpy
 from .core import Settings
 from .core.metrics import KNOWN_ENOUGH, compare_images
@@ -89,7 +88,7 @@ def build_parser(*, inside_blender: bool = False) -> argparse.ArgumentParser:
     _add_render(commands, inside_blender=inside_blender)
     _add_apply(commands)
     _add_compare(commands)
-    _add_bench(commands, inside_blender=inside_blender)
+    add_bench(commands, inside_blender=inside_blender)
     _add_demo(commands)
     return parser
 
@@ -146,54 +145,6 @@ def _add_compare(commands: Any) -> None:
     parser.add_argument("reference", metavar="REFERENCE.exr", type=Path, help="what it should look like")
     parser.add_argument("--heatmap", metavar="FILE.png", type=Path, help="write a picture of the error")
     parser.set_defaults(run=_compare)
-
-
-def _add_bench(commands: Any, *, inside_blender: bool) -> None:
-    parser = commands.add_parser(
-        "bench", help="measure error against time: Cycles, its denoisers and shortcuts, EEVEE, and ours"
-    )
-    parser.add_argument("--output", metavar="DIR", type=Path, required=True, help="folder for the report")
-    parser.add_argument(
-        "--scenes",
-        metavar="NAME",
-        nargs="+",
-        default=(),
-        help="the demo, .blend files, or names in the folder that SSGI_SCENES names (default: all of those, "
-        "else the demo)",
-    )
-    parser.add_argument(
-        "--quick",
-        action="store_true",
-        help="one scene unless some are named, fewer methods, repeats and samples: minutes instead of hours",
-    )
-    parser.add_argument(
-        "--methods", metavar="WORD", nargs="+", default=(), help="only methods whose name holds one of these"
-    )
-    default = BenchOptions.resolution
-    parser.add_argument(
-        "--resolution",
-        metavar="WxH",
-        type=resolution,
-        default=default,
-        help=f"size in pixels (default: {default[0]}x{default[1]})",
-    )
-    for name, metavar in (("repeats", "N"), ("reference_samples", "N"), ("minutes", "MINUTES")):
-        flag = "--budget" if name == "minutes" else "--" + name.replace("_", "-")
-        add_option(parser, flag, BenchOptions, name, metavar=metavar)
-    add_option(parser, "--cold", BenchOptions, "cold")
-    add_option(parser, "--flicker", BenchOptions, "flicker")
-    parser.add_argument(
-        "--cache",
-        metavar="DIR",
-        type=Path,
-        help="keeps the references (default: .cache/references beside DIR)",
-    )
-    parser.add_argument("--fresh", action="store_true", help="measure again what is measured already")
-    parser.set_defaults(run=_bench, fail=parser.error, inside_blender=inside_blender)
-    # One process of a run; for itself alone, so it stands in no help
-    worker = commands.add_parser(BENCH_WORKER)
-    worker.add_argument("task", type=Path)
-    worker.set_defaults(run=_bench_worker)
 
 
 def _add_demo(commands: Any) -> None:
@@ -288,35 +239,6 @@ def _compare(arguments: argparse.Namespace, progress: Progress) -> None:
     _print_metrics(rows)
     if arguments.heatmap is not None:
         print(f"error map: {arguments.heatmap}")
-
-
-def _bench(arguments: argparse.Namespace, progress: Progress) -> None:
-    given = {
-        item.name: getattr(arguments, item.name) for item in fields(BenchOptions) if item.name in arguments
-    }
-    if arguments.quick:
-        given = {"repeats": QUICK_REPEATS, "reference_samples": QUICK_REFERENCE_SAMPLES, **given}
-        if "flicker" in given:
-            arguments.fail("--quick leaves out --flicker")
-    given |= {name: tuple(given[name]) for name in ("scenes", "methods")}
-    blender = ""
-    require_bpy()
-    if arguments.inside_blender:
-        import bpy
-
-        blender = bpy.app.binary_path
-    from .bench.run import run_bench
-
-    page = run_bench(BenchOptions(**given), progress, blender=blender)
-    progress.close()
-    print(f"report: {page}")
-
-
-def _bench_worker(arguments: argparse.Namespace, progress: Progress) -> None:
-    require_bpy()
-    from .blender.bench_worker import work
-
-    work(arguments.task)
 
 
 def _demo(arguments: argparse.Namespace, progress: Progress) -> None:

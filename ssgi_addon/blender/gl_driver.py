@@ -56,9 +56,12 @@ def missing_gl_driver() -> str | None:
 
 
 def renderer_name() -> str:
-    """Return what OpenGL draws with, once something was drawn; software renderers say so by their name."""
+    """Return what OpenGL draws with; software renderers say so by their name."""
     import gpu
 
+    # Since 5.2, and in the background alone, it is not there before
+    if hasattr(gpu, "init"):
+        gpu.init()
     return gpu.platform.renderer_get()
 
 

@@ -154,7 +154,7 @@ def test_page_opens_in_a_browser_without_complaint(report, tmp_path):
 
 def test_missing_matplotlib_is_said_before_anything_runs(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(plots.importlib.util, "find_spec", lambda name: None)
-    monkeypatch.setattr("ssgi_addon.cli.require_bpy", lambda: None)
+    monkeypatch.setattr("ssgi_addon.bench.command.require_bpy", lambda: None)
     assert main(["bench", "--output", str(tmp_path / "out")]) == 1
     assert "pip install 'ssgi[bench]'" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

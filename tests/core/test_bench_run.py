@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("matplotlib")
 
 from ssgi_addon import cli
-from ssgi_addon.bench import run
+from ssgi_addon.bench import command, run
 from ssgi_addon.bench.options import QUICK_REFERENCE_SAMPLES, QUICK_REPEATS, BenchOptions, SceneSource
 from ssgi_addon.bench.store import load_scene, scene_folder
 from ssgi_addon.errors import SSGIError
@@ -138,7 +138,7 @@ def asked(monkeypatch):
         return options.output / "index.html"
 
     monkeypatch.setattr(run, "run_bench", run_bench)
-    monkeypatch.setattr(cli, "require_bpy", lambda: None)
+    monkeypatch.setattr(command, "require_bpy", lambda: None)
     return found
 
 
