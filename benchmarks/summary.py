@@ -173,6 +173,43 @@ def beyond_frame(record: Record) -> str:
     )
 
 
+def tuning(record: Record) -> str:
+    """Return the tables of `tuning`: what each value gained, and what was taken on all scenes."""
+    what, results = record["parameters"], record["results"]
+    noise = ", ".join(f"{case} {value:.1%}" for case, value in results["noise"].items())
+    text = (
+        f"{{}} × {{}}, {what['samples']} samples of Cycles. Tuned on {', '.join(what['tuning'])}; held out: "
+        f"{', '.join(what['held_out'])}. Seeds differ by: {noise}. {_where(record)}"
+    ).format(*what["size"])
+    tried: dict[str, list[Record]] = {}
+    for point in results["points"]:
+        tried.setdefault(point["parameter"], []).append(point)
+    rows = []
+    for name, points in tried.items():
+        looks = [point for point in points if point["held_out_gain"] is None]
+        checks = [point for point in points if point["held_out_gain"] is not None]
+        rows.append(
+            (
+                f"`{name}`",
+                f"{points[0]['present']}",
+                "; ".join(f"{one['value']}: {one['gain']:+.1%} ({one['worst']:+.1%})" for one in looks),
+                "; ".join(f"{one['value']}: {one['held_out_gain']:+.1%}" for one in checks),
+                ", ".join(f"{one['value']}" for one in checks if one["taken"]),
+            )
+        )
+    together = [
+        (row["case"], row["half"], *(f"{row[name]:+.1%}" for name in ("gain", "worst")))
+        for row in results["verified"]
+    ]
+    head = ("parameter", "now", "tried: gain (worst picture)", "gain held out", "passes")
+    parts = [text, _table(head, rows)]
+    changes = ", ".join(f"`{name}` = {value}" for name, value in results["taken"].items())
+    if together:
+        parts.append(f"Together, {changes}, on both halves:")
+        parts.append(_table(("light", "half", "gain", "worst picture"), together))
+    return "\n\n".join(parts)
+
+
 TABLES: dict[str, Callable[[Record], str]] = {
     "tracer_speed": tracer_speed,
     "scaling": scaling,
@@ -180,6 +217,7 @@ TABLES: dict[str, Callable[[Record], str]] = {
     "diffuse_cycles": diffuse_cycles,
     "beyond_frame": beyond_frame,
     "beyond_frame_cornell": beyond_frame,
+    "tuning": tuning,
 }
 
 

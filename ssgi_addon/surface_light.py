@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .core import Camera, GBuffer
-from .core.fill_level import limit_fireflies
+from .core.light import luminance
 
 FloatArray = NDArray[np.float32]
 
@@ -20,6 +20,9 @@ _LEAST_DIFFUSE_COLOR = 1e-3
 _SPREADING_ROUGHNESS = 0.25
 # Mean of (1 - cos)^5 over the cosine hemisphere: what Fresnel adds to the reflectance at a right angle.
 _MEAN_FRESNEL = 1.0 / 21.0
+# Without fireflies no pixel is brighter than this many times the median of those within a radius.
+_BRIGHTEST = 4.0
+_MEDIAN_RADIUS = 2
 
 
 def handed_on(layers: Mapping[str, FloatArray], roughness: FloatArray) -> FloatArray:
@@ -95,3 +98,25 @@ def _whole(color: FloatArray, gloss: FloatArray) -> FloatArray:
     left = np.maximum(1.0 - gloss, np.minimum(color, 1.0))
     whole: FloatArray = np.divide(color, left, out=np.zeros_like(color), where=color > 0.0)
     return whole
+
+
+def limit_fireflies(light: FloatArray, is_surface: NDArray[np.bool_]) -> FloatArray:
+    """Return light (h, w, 3) without single pixels that outshine all around them.
+
+    Few light paths find small bright things by rare luck: such a pixel is right on average and wrong alone.
+    None keeps more luminance than 4 times the median of the surfaces in the 5 x 5 pixels around it. That
+    takes light away, the less the more samples there are.
+    """
+    brightness = np.where(is_surface, luminance(light), np.float32(np.inf))
+    radius = _MEDIAN_RADIUS
+    padded = np.pad(brightness, radius, constant_values=np.inf)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (2 * radius + 1, 2 * radius + 1))
+    ordered = np.sort(windows.reshape(*brightness.shape, -1), axis=-1)
+    # The inf of what is no surface stands last
+    count = np.isfinite(ordered).sum(axis=-1, keepdims=True)
+    middle = np.maximum((count - 1) // 2, 0), np.maximum(count // 2, 0)
+    lower, upper = (np.take_along_axis(ordered, index, axis=-1) for index in middle)
+    with np.errstate(invalid="ignore"):
+        limit = np.where(count > 0, (0.5 * _BRIGHTEST) * (lower + upper), 0.0)
+        scale = np.minimum(1.0, limit / np.maximum(luminance(light)[..., None], 1e-20))
+    return np.where(is_surface[..., None], light * scale, light).astype(light.dtype, copy=False)

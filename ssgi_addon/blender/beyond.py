@@ -28,8 +28,8 @@ Progress = Callable[[float, str], None]
 _ELSEWHERE = ("stations", "lights")
 # Fewer rays than this share are not worth a render.
 LEAST_LOST = 0.02
-# What a render costs before its first sample, at most, until one has been timed.
-_RENDER_SECONDS = 0.25
+# What a render costs before its first sample until one has been timed: Cycles' scene is there already.
+_RENDER_SECONDS = 0.05
 
 
 class BeyondTheFrame:
@@ -85,8 +85,7 @@ class BeyondTheFrame:
             return frame
         self.frame = frame
         self.lost: LostRays | None = None
-        # That of the geometry had a scene to build and one sample to take
-        self.render_seconds = min(_RENDER_SECONDS, frame.seconds["geometry"])
+        self.render_seconds = _RENDER_SECONDS
         # Of the direct light, so that the frame's size and the scene's shaders count
         pixels = frame.camera.width * frame.camera.height * options.samples
         self.sample_seconds = frame.seconds["light"] / pixels

@@ -26,6 +26,7 @@ from .capture import CaptureOptions, capture_frame
 from .comparison import compare_with_cycles
 from .display import write_display_png
 from .kept_world import KeptWorld
+from .restore import Restorer
 
 Progress = Callable[[float, str], None]
 Report = dict[str, Any]
@@ -121,12 +122,16 @@ def render_frames(
     }
     results = []
     kept = KeptWorld() if options.keep_world and len(frames) > 1 else None
-    for index, frame in enumerate(frames):
-        part = _part(progress, index / len(frames), 1.0 / len(frames))
-        result = _render_one(scene, frame, options, part, kept)
-        results.append(result)
-        report["frames"].append(result.record)
-        write_json(options.output / "report.json", report)
+    with Restorer() as restorer:
+        if options.engine == "cycles":
+            # From frame to frame Cycles then builds anew what has changed alone
+            restorer.change(scene.render, use_persistent_data=True)
+        for index, frame in enumerate(frames):
+            part = _part(progress, index / len(frames), 1.0 / len(frames))
+            result = _render_one(scene, frame, options, part, kept)
+            results.append(result)
+            report["frames"].append(result.record)
+            write_json(options.output / "report.json", report)
     return report, results
 
 

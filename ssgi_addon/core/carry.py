@@ -28,7 +28,7 @@ _PLANE_WIDTH = 1.0
 # The cosine between normals counts to the power of 2 to this.
 _NORMAL_SQUARINGS = 5
 # Where no sample lies on the receiver's surface, those within so many footprints of it count instead.
-_NEAR = 4.0
+_NEAR = 8.0
 # Less weight than this is no answer.
 _LEAST_WEIGHT = 1e-3
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from . import ggx, parallel, reflections
+from . import parallel, reflections
 from .bounces import DiffusePass
 from .camera import Camera
 from .denoise import filter_light
@@ -26,6 +26,8 @@ from .types import FloatArray, IntArray
 
 # Width of the part of a lobe that holds most of its light, per unit of distance and of alpha.
 _BLUR_PER_ALPHA = 1.0
+# Roughness from which lobes take one filter pass, two, and so on.
+_LOBE_STEPS = (0.05, 0.12, 0.25, 0.45)
 
 
 def render_indirect(
@@ -184,7 +186,12 @@ class _Run:
         if not kinds:
             return
         lights = [
-            (self.images[name].reshape(-1, 3).take(pixel, axis=0), pixel, getattr(fill, name))
+            (
+                self.images[name].reshape(-1, 3).take(pixel, axis=0),
+                self.images[f"known_{name}"].reshape(-1).take(pixel),
+                pixel,
+                getattr(fill, name),
+            )
             for name, pixel in kinds.items()
         ]
         frame = self.gbuffer, self.camera
@@ -213,7 +220,7 @@ class _Run:
         is at the distance of what it reflects, seen from as far as the mirror image is.
         """
         roughness = self.gbuffer.roughness.reshape(-1).take(pixels)
-        levels = np.searchsorted([ggx.MIRROR_ROUGHNESS, 0.05, 0.12, 0.25, 0.45], roughness, side="right") - 1
+        levels = np.searchsorted(_LOBE_STEPS, roughness, side="right")
         if self.settings.reflections.contact_hardening:
             with np.errstate(invalid="ignore"):
                 depth = self.gbuffer.depth.reshape(-1).take(pixels)

@@ -39,7 +39,7 @@ VIEWS = {"surround": 6, "overscan": 1, "stations": 2, "lights": 1}
 ALL = replace(ALONE, **{name: value for switch in SWITCHES.values() for name, value in switch.items()})
 # Seconds, where the clock is not the wall's: of the frame's light, and of a small view by the first estimate.
 LIGHT = 1.0
-VIEW = 0.25 + LIGHT * SIDE**2 / (WIDTH * HEIGHT)
+VIEW = 0.05 + LIGHT * SIDE**2 / (WIDTH * HEIGHT)
 
 
 @pytest.fixture
@@ -209,7 +209,7 @@ def test_budget_for_five_faces_takes_no_surround(room, steady_clock):
 
 
 def test_small_budget_goes_to_the_fill(room, steady_clock):
-    frame = capture_frame(room, replace(ALL, budget=0.6))
+    frame = capture_frame(room, replace(ALL, budget=0.44))
     assert frame.fill is not None
     assert frame.views == ()
     assert what_is_skipped(frame) == ["surround, overscan", "stations, lights, back faces, behind"]

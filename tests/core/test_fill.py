@@ -9,18 +9,22 @@ import numpy as np
 import pytest
 
 from ssgi_addon.core import Camera, Fill, GBuffer, IndirectLight, render_indirect
-from ssgi_addon.core.fill_level import limit_fireflies, set_level
+from ssgi_addon.core.fill_level import set_level
+from ssgi_addon.surface_light import limit_fireflies
 from tests.core.synthetic import Plane, capture, look_at, make_settings, random_gbuffer, uniform_gbuffer
 from tests.tolerances import (
     CARRIED_FROM_ELSEWHERE,
     FILLED_FURNACE,
     FILTER_RELATIVE,
+    FIREFLY,
     MERGED_MEAN,
     MERGED_NOISE,
     SPARSE_LEVEL,
 )
 
 SIZE, SMALL = (64, 48), (16, 12)
+# So many samples that a fill's level is the level
+MANY = 1e9
 FLOOR = Plane((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), albedo=0.5, specular=0.5, roughness=0.5, source=1.0)
 WALL = Plane((0.0, 0.0, -1.0), (0.0, 0.0, 1.0), albedo=0.5, specular=0.5, roughness=0.5, source=1.0)
 POSE = look_at((0.0, 3.0, 5.0), (0.0, 0.6, 0.0))
@@ -38,7 +42,7 @@ def points_of(gbuffer: GBuffer, camera: Camera) -> np.ndarray:
     )
 
 
-def fill_of(surfaces, camera: Camera, diffuse=0.0, glossy=0.0, samples=4.0) -> Fill:
+def fill_of(surfaces, camera: Camera, diffuse=0.0, glossy=0.0, samples=MANY) -> Fill:
     """Return what `camera` sees of `surfaces`; light is a number, an array, or a function of world points."""
     gbuffer = capture(camera, surfaces)
     lights = [light(points_of(gbuffer, camera)) if callable(light) else light for light in (diffuse, glossy)]
@@ -46,12 +50,17 @@ def fill_of(surfaces, camera: Camera, diffuse=0.0, glossy=0.0, samples=4.0) -> F
     return Fill(gbuffer.depth, gbuffer.normal, *images, camera, samples)
 
 
-def filled(light: float | np.ndarray, gbuffer: GBuffer, camera: Camera, fill: Fill, threads=1) -> np.ndarray:
+def filled(light: float | np.ndarray, gbuffer: GBuffer, camera: Camera, fill: Fill, threads=1, known=0.0):
     """Return even answered light of all surfaces after the fill's diffuse light set its level."""
     pixel = np.flatnonzero(~gbuffer.is_background)
     answered = np.broadcast_to(np.float32(light), (*gbuffer.shape, 3)).reshape(-1, 3)[pixel]
     image = np.zeros((gbuffer.depth.size, 3), dtype=np.float32)
-    (image[pixel],) = set_level([(answered, pixel, fill.diffuse)], (gbuffer, camera), fill, threads)
+    (image[pixel],) = set_level(
+        [(answered, np.full(pixel.size, known, np.float32), pixel, fill.diffuse)],
+        (gbuffer, camera),
+        fill,
+        threads,
+    )
     return image.reshape(*gbuffer.shape, 3)
 
 
@@ -143,17 +152,32 @@ def test_light_that_is_too_bright_is_lowered_but_never_below_nothing(corner):
     assert found.sum() < spots.sum()
 
 
-def test_fireflies_do_not_darken_what_is_answered(corner, rng):
-    """One pixel in fifty holds all the light: its median is 0, its mean is the answered light."""
+@pytest.mark.parametrize(("known", "trust"), [(0.0, 3.13 / 4.13), (1.0, 0.13 / 1.13)])
+def test_the_less_is_known_the_more_the_fill_counts(corner, known, trust):
+    """A fill of one sample against rays that found nothing, or everything."""
     gbuffer, camera = corner
-    sparse = np.where(rng.random((*SMALL[::-1], 1)) < 0.02, 50.0, 0.0)
-    fill = fill_of([FLOOR, WALL], camera_of(SMALL), diffuse=sparse)
-    found = filled(0.5, gbuffer, camera, fill)
-    brightest = filled(0.0, gbuffer, camera, fill)
-    assert brightest.max() < 0.5
-    assert found.max() <= 0.5
-    near = filled(0.5, gbuffer, camera, fill)[gbuffer.depth < np.inf]
-    assert near.mean() > 0.1
+    fill = fill_of([FLOOR, WALL], camera_of(SMALL), diffuse=1.0, samples=1.0)
+    found = filled(0.5, gbuffer, camera, fill, known=known)[~gbuffer.is_background]
+    np.testing.assert_allclose(found, 0.5 + 0.5 * trust, rtol=FILTER_RELATIVE)
+
+
+def test_more_samples_count_more(corner):
+    gbuffer, camera = corner
+    fills = [fill_of([FLOOR, WALL], camera_of(SMALL), diffuse=1.0, samples=count) for count in (1, 4, 16)]
+    levels = [filled(0.5, gbuffer, camera, fill, known=0.9).max() for fill in fills]
+    assert 0.5 < levels[0] < levels[1] < levels[2] < 1.0
+
+
+def test_one_firefly_lights_nothing_up(corner):
+    """One pixel of an even fill holds a thousand times its light: around it there is little more."""
+    gbuffer, camera = corner
+    light = np.ones((*SMALL[::-1], 1))
+    light[6, 8] = 1000.0
+    fill = fill_of([FLOOR, WALL], camera_of(SMALL), diffuse=light)
+    limited = filled(0.0, gbuffer, camera, fill)
+    light[6, 8] = 1.0
+    without = filled(0.0, gbuffer, camera, fill_of([FLOOR, WALL], camera_of(SMALL), diffuse=light))
+    assert 1.0 < (limited / np.maximum(without, 1e-6)).max() < FIREFLY
 
 
 def test_single_bright_pixel_is_four_times_the_median():
@@ -326,7 +350,9 @@ def test_fills_of_a_moving_camera_lose_their_noise(rng):
     """Eight frames of one floor: each has its own noise, the mean has a third of it and none of a bias."""
     places = [look_at((0.1 * frame, 3.0, 5.0), (0.05 * frame, 0.6, 0.0)) for frame in range(8)]
     fills = [
-        fill_of([FLOOR, WALL], camera_of((32, 24), pose), diffuse=rng.gamma(1.0, 1.0, (24, 32, 3)))
+        fill_of(
+            [FLOOR, WALL], camera_of((32, 24), pose), diffuse=rng.gamma(1.0, 1.0, (24, 32, 3)), samples=4.0
+        )
         for pose in places
     ]
     merged = Fill.merged(fills)
@@ -343,8 +369,8 @@ def test_what_came_into_sight_has_the_newest_light_alone():
     wall = Plane((0.0, 0.0, -8.0), (0.0, 0.0, 1.0))
     plate = Plane((0.0, 0.0, -3.0), (0.0, 0.0, 1.0), bounds=lambda points: points[:, 0] < 0.0)
     camera = Camera.perspective(*SMALL, 1.0)
-    before = fill_of([plate, wall], camera, diffuse=5.0)
-    now = fill_of([wall], camera, diffuse=1.0)
+    before = fill_of([plate, wall], camera, diffuse=5.0, samples=4.0)
+    now = fill_of([wall], camera, diffuse=1.0, samples=4.0)
     merged = Fill.merged([before, now])
     np.testing.assert_allclose(merged.diffuse[:, :6], 1.0, rtol=FILTER_RELATIVE)
     np.testing.assert_array_equal(merged.samples[:, :6], 4.0)
@@ -359,5 +385,6 @@ def test_pixels_of_a_fill_without_light_of_rays_are_no_part_of_the_level():
     fill = Fill(low.depth, low.normal, np.ones((12, 16, 3)), np.ones((12, 16, 3)), coarse)
     pixel = np.arange(gbuffer.depth.size)[::2]
     light = np.ones((pixel.size, 3), dtype=np.float32)
-    (found,) = set_level([(light, pixel, fill.diffuse)], (gbuffer, camera), fill, 1)
+    known = np.zeros(pixel.size, dtype=np.float32)
+    (found,) = set_level([(light, known, pixel, fill.diffuse)], (gbuffer, camera), fill, 1)
     np.testing.assert_allclose(found, 1.0, rtol=FILTER_RELATIVE)
