@@ -11,7 +11,7 @@ from typing import Any
 from ..arguments import add_option, resolution
 from ..bpy_module import require_bpy
 from ..progress import Progress
-from .options import QUICK_REFERENCE_SAMPLES, QUICK_REPEATS, BenchOptions
+from .options import QUICK_MINUTES, QUICK_REFERENCE_SAMPLES, QUICK_REPEATS, BenchOptions
 from .tasks import COMMAND
 
 
@@ -32,7 +32,8 @@ def add_bench(commands: Any, *, inside_blender: bool) -> None:
     parser.add_argument(
         "--quick",
         action="store_true",
-        help="one scene unless some are named, fewer methods, repeats and samples: minutes instead of hours",
+        help="one scene unless some are named, fewer methods, repeats and samples, "
+        f"{QUICK_MINUTES:g} minutes a scene",
     )
     parser.add_argument(
         "--methods", metavar="WORD", nargs="+", default=(), help="only methods whose name holds one of these"
@@ -69,7 +70,12 @@ def _bench(arguments: argparse.Namespace, progress: Progress) -> None:
         item.name: getattr(arguments, item.name) for item in fields(BenchOptions) if item.name in arguments
     }
     if arguments.quick:
-        given = {"repeats": QUICK_REPEATS, "reference_samples": QUICK_REFERENCE_SAMPLES, **given}
+        quick = {
+            "repeats": QUICK_REPEATS,
+            "reference_samples": QUICK_REFERENCE_SAMPLES,
+            "minutes": QUICK_MINUTES * max(1, len(arguments.scenes)),
+        }
+        given = {**quick, **given}
         if "flicker" in given:
             arguments.fail("--quick leaves out --flicker")
     given |= {name: tuple(given[name]) for name in ("scenes", "methods")}

@@ -13,6 +13,7 @@ from ..errors import SSGIError
 DEMO = "demo"
 SCENES_VARIABLE = "SSGI_SCENES"
 QUICK_REPEATS = 2
+QUICK_MINUTES = 8.0  # a scene
 QUICK_REFERENCE_SAMPLES = 32
 
 

@@ -13,7 +13,13 @@ pytest.importorskip("matplotlib")
 
 from ssgi_addon import cli
 from ssgi_addon.bench import command, run
-from ssgi_addon.bench.options import QUICK_REFERENCE_SAMPLES, QUICK_REPEATS, BenchOptions, SceneSource
+from ssgi_addon.bench.options import (
+    QUICK_MINUTES,
+    QUICK_REFERENCE_SAMPLES,
+    QUICK_REPEATS,
+    BenchOptions,
+    SceneSource,
+)
 from ssgi_addon.bench.store import load_scene, scene_folder
 from ssgi_addon.errors import SSGIError
 from tests.core.bench_points import METHODS, made_up_state
@@ -173,6 +179,9 @@ def test_quick_run_repeats_less_unless_it_is_told_how_often(asked):
     assert cli.main(["bench", "--output", "out", "--quick"]) == 0
     assert cli.main(["bench", "--output", "out", "--quick", "--repeats", "7"]) == 0
     assert [options.repeats for options, _ in asked] == [QUICK_REPEATS, 7]
+    assert {options.minutes for options, _ in asked} == {QUICK_MINUTES}
+    assert cli.main(["bench", "--output", "out", "--quick", "--scenes", "a", "b", "c"]) == 0
+    assert asked[-1][0].minutes == 3.0 * QUICK_MINUTES
     assert {options.reference_samples for options, _ in asked} == {QUICK_REFERENCE_SAMPLES}
 
 
