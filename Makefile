@@ -5,20 +5,26 @@ VENV := .venv
 RUN := $(VENV)/bin/python
 READY := $(VENV)/.ready
 ARGS ?=
+SHARED_SCENES := $(wildcard ../shared/scenes)
 
 export PIP_CACHE_DIR := $(CURDIR)/.cache/pip
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Blender finds no preferences and no extensions of the user here, and leaves none.
 export BLENDER_USER_RESOURCES := $(CURDIR)/.cache/blender
 
-.PHONY: help env demo test lint bench pictures package clean
+ifneq ($(SHARED_SCENES),)
+export SSGI_SCENES ?= $(abspath $(SHARED_SCENES))
+endif
+
+.PHONY: help env demo test lint bench bench-tracer pictures package clean
 
 help:
 	@echo "make env      environment with Blender as a Python module, in $(VENV)"
 	@echo "make demo     the whole job on the demo scene; prints where the picture is"
 	@echo "make test     all tests (ARGS='-k name' for some)"
 	@echo "make lint     style and types"
-	@echo "make bench    speed and memory of the tracer, in benchmarks/results (minutes; keep the machine quiet)"
+	@echo "make bench    error against time, ours and Blender's own ways, in bench/index.html (ARGS=--quick: minutes)"
+	@echo "make bench-tracer  speed and memory of the tracer, in benchmarks/results (minutes; keep the machine quiet)"
 	@echo "make pictures the pictures of docs/reflections.md (minutes; ARGS='rays reuse' for some)"
 	@echo "make package  the extension, in dist/"
 	@echo "make clean    remove the environment and everything that was built"
@@ -47,7 +53,12 @@ lint: $(READY)
 	@$(RUN) -m ruff format --check
 	@$(RUN) -m mypy
 
+# All scenes of SSGI_SCENES; without that folder the demo
 bench: $(READY)
+	@$(RUN) -m pip install -qq --editable '.[bench]'
+	@$(RUN) -m ssgi_addon bench --output bench $(ARGS)
+
+bench-tracer: $(READY)
 	@$(RUN) -m pip install -qq --editable '.[bench]'
 	@$(RUN) -m benchmarks.tracer_speed --output benchmarks/results/tracer_speed.json $(ARGS)
 	@$(RUN) -m benchmarks.scaling --output benchmarks/results/scaling.json $(ARGS)

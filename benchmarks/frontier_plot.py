@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ssgi_addon.bench.frontier import on_frontier
 from ssgi_addon.files import replacing
 
 _COLUMNS = 3
@@ -21,16 +22,6 @@ class Point:
     line: str
     seconds: float
     error: float
-
-
-def on_frontier(points: Sequence[Point]) -> list[bool]:
-    """Return which points no other one beats: none is as fast and as near, and better in one of the two."""
-
-    def beats(one: Point, other: Point) -> bool:
-        no_worse = one.seconds <= other.seconds and one.error <= other.error
-        return no_worse and (one.seconds < other.seconds or one.error < other.error)
-
-    return [not any(beats(other, point) for other in points) for point in points]
 
 
 def draw_frontiers(points: Sequence[Point], path: Path) -> None:

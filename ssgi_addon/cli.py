@@ -12,6 +12,7 @@ from typing import Any, NoReturn
 
 from . import __version__
 from .arguments import add_option, frame_range, integer, resolution, whole_number
+from .bench.command import add_bench
 from .bpy_module import require_bpy
 from .core import Settings
 from .core.metrics import KNOWN_ENOUGH, compare_images
@@ -87,6 +88,7 @@ def build_parser(*, inside_blender: bool = False) -> argparse.ArgumentParser:
     _add_render(commands, inside_blender=inside_blender)
     _add_apply(commands)
     _add_compare(commands)
+    add_bench(commands, inside_blender=inside_blender)
     _add_demo(commands)
     return parser
 

@@ -118,6 +118,7 @@ def render_passes(
             rendered.layers = _read_result(engine, scene, view_layer.name, names)
 
     start = time.perf_counter()
+    _tag_settings(scene)
     with _after_render(cycles_engine(), read):
         try:
             bpy.ops.render.render(scene=scene.name)
@@ -127,6 +128,11 @@ def render_passes(
     if rendered.camera is None:
         raise SSGIError("The render was cancelled: nothing was written, start it again.")
     return rendered
+
+
+def _tag_settings(scene: bpy.types.Scene) -> None:
+    """Let a kept Cycles see its own settings: a change of them alone tags nothing, and it would not look."""
+    scene.render.use_compositing = scene.render.use_compositing
 
 
 @contextmanager

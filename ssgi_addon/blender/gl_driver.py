@@ -55,6 +55,16 @@ def missing_gl_driver() -> str | None:
     return "no OpenGL driver starts"
 
 
+def renderer_name() -> str:
+    """Return what OpenGL draws with; software renderers say so by their name."""
+    import gpu
+
+    # Since 5.2, and in the background alone, it is not there before
+    if hasattr(gpu, "init"):
+        gpu.init()
+    return gpu.platform.renderer_get()
+
+
 def _initializes(egl: ctypes.CDLL, display: int) -> bool:
     nothing = ctypes.c_void_p(None)
     return bool(egl.eglInitialize(ctypes.c_void_p(display), nothing, nothing))

@@ -130,6 +130,11 @@ def ssim(
     ValueError
         If shapes differ, or a picture holds something non-finite.
     """
+    return _mean(_selected(ssim_map(image, reference, exposure=exposure), mask))
+
+
+def ssim_map(image: FloatArray, reference: FloatArray, *, exposure: float = 0.0) -> FloatArray:
+    """(H, W) of the values that `ssim` averages."""
     v, r = (display_referred(picture, exposure) for picture in _pair(image, reference))
     mean_v, mean_r = _blur(v), _blur(r)
     variance_v = _blur(v * v) - mean_v**2
@@ -137,7 +142,7 @@ def ssim(
     covariance = _blur(v * r) - mean_v * mean_r
     luminance = (2.0 * mean_v * mean_r + SSIM_C1) / (mean_v**2 + mean_r**2 + SSIM_C1)
     structure = (2.0 * covariance + SSIM_C2) / (variance_v + variance_r + SSIM_C2)
-    return _mean(_selected(_per_pixel(luminance * structure), mask))
+    return _per_pixel(luminance * structure)
 
 
 def flip(
@@ -149,13 +154,19 @@ def flip(
     at its default viewing distance (67 pixels per degree); None where `flip_evaluator` is not installed.
     Parameters and errors are those of `ssim`.
     """
+    error = flip_map(image, reference, exposure=exposure)
+    return None if error is None else _mean(_selected(error, mask))
+
+
+def flip_map(image: FloatArray, reference: FloatArray, *, exposure: float = 0.0) -> FloatArray | None:
+    """(H, W) of the values that `flip` averages; None without the evaluator."""
     v, r = (display_referred(picture, exposure) for picture in _pair(image, reference))
     if importlib.util.find_spec("flip_evaluator") is None:
         return None
     evaluator: Any = importlib.import_module("flip_evaluator")
     pictures = [np.ascontiguousarray(_as_rgb(picture), dtype=np.float32) for picture in (r, v)]
     error, _, _ = evaluator.evaluate(*pictures, "LDR", inputsRGB=True, applyMagma=False)
-    return _mean(_selected(_per_pixel(np.asarray(error, dtype=np.float64)), mask))
+    return _per_pixel(np.asarray(error, dtype=np.float64))
 
 
 def compare_images(

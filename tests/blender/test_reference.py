@@ -11,7 +11,10 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from ssgi_addon.blender.capture import CaptureOptions, capture_frame
+from ssgi_addon.blender.cycles_passes import render_passes
 from ssgi_addon.blender.reference import ReferenceOptions, render_reference
+from ssgi_addon.blender.render_settings import borrow_scene
+from ssgi_addon.blender.restore import Restorer
 from ssgi_addon.errors import SSGIError
 from tests.blender.test_capture import direct_sum
 from tests.scenes import build_closed_room
@@ -99,3 +102,17 @@ def test_panoramic_camera_is_refused(room):
     room.camera.data.type = "PANO"
     with pytest.raises(SSGIError, match="panoramic"):
         render_reference(room, FEW)
+
+
+def test_kept_scene_renders_by_the_settings_of_now(room):
+    """With persistent data, and nothing but settings of Cycles' own changed between two renders."""
+    room.render.use_persistent_data = True
+    with Restorer() as restorer:
+        view_layer = borrow_scene(restorer, room, resolution=(32, 18))
+        restorer.change(room.cycles, use_denoising=False)
+        pictures = []
+        for samples in (16, 1, 16):
+            room.cycles.samples = samples
+            pictures.append(render_passes(room, view_layer, ("Combined",)).layers["Combined"])
+    assert np.array_equal(pictures[0], pictures[2])
+    assert not np.array_equal(pictures[0], pictures[1])
