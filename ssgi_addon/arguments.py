@@ -13,7 +13,13 @@ MOST_FRAMES = 1_000_000
 
 
 def add_option(
-    parser: argparse.ArgumentParser, flag: str, owner: type, name: str, *, metavar: str | None = None
+    parser: argparse.ArgumentParser,
+    flag: str,
+    owner: type,
+    name: str,
+    *,
+    metavar: str | None = None,
+    default: str | None = None,
 ) -> None:
     """Add an option whose range, default and help text a dataclass declares by `core.settings.option`.
 
@@ -24,24 +30,30 @@ def add_option(
     flag
         What the user writes.
     owner, name
-        The dataclass and its field: a number, or a switch; one that is on is switched off by ``--no-…``.
+        The dataclass and its field: a number, a choice, or a switch, which ``--no-…`` switches off.
     metavar
         Stands for the number in the help.
+    default
+        What the help says of the default; None means the field's.
     """
     (item,) = (item for item in fields(owner) if item.name == name)
     rule = item.metadata
     shared = {"dest": name, "default": argparse.SUPPRESS}
     help_text = rule["help"][0].lower() + rule["help"][1:]
+    if default or not isinstance(item.default, bool):
+        help_text = f"{help_text} (default: {default or item.default})"
     if isinstance(item.default, bool):
-        action = argparse.BooleanOptionalAction if item.default else "store_true"
-        parser.add_argument(flag, action=action, help=help_text, **shared)
+        parser.add_argument(flag, action=argparse.BooleanOptionalAction, help=help_text, **shared)
+        return
+    if rule["choices"] is not None:
+        parser.add_argument(flag, choices=rule["choices"], help=help_text, **shared)
         return
     read = real_number if isinstance(item.default, float) else integer
     parser.add_argument(
         flag,
         metavar=metavar,
         type=read(rule["min"], rule["max"]),
-        help=f"{help_text} (default: {item.default})",
+        help=help_text,
         **shared,
     )
 

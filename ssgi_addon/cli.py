@@ -20,7 +20,7 @@ from .core.settings import PRESETS, DiffuseSettings, ReflectionSettings
 from .errors import SSGIError
 from .exr import FloatArray, Pixels, read_layers
 from .heatmap import error_map
-from .job_options import BEYOND_FRAME, DEFAULT_PRESET, ENGINES, JobOptions
+from .job_options import BEYOND_FRAME, DEFAULT_PRESET, ENGINES, RENDERED, JobOptions
 from .passes import remembered_settings
 from .png import write_png
 from .progress import Progress
@@ -112,9 +112,11 @@ def _add_render(commands: Any, *, inside_blender: bool) -> None:
     parser.add_argument(
         "--resolution", metavar="WxH", type=resolution, help="size in pixels (default: the scene's)"
     )
-    add_option(parser, "--samples", JobOptions, "samples", metavar="N")
-    for name in BEYOND_FRAME:
-        add_option(parser, "--" + name.replace("_", "-"), JobOptions, name, metavar="N")
+    of_presets = tuple(RENDERED[DEFAULT_PRESET])
+    for name in dict.fromkeys((*of_presets, *BEYOND_FRAME)):
+        default = "the preset's" if name in of_presets else None
+        metavar = None if name == "denoiser" else "N"
+        add_option(parser, "--" + name.replace("_", "-"), JobOptions, name, metavar=metavar, default=default)
     add_option(parser, "--keep-world", JobOptions, "keep_world")
     frames = parser.add_mutually_exclusive_group()
     frames.add_argument(

@@ -11,13 +11,27 @@ from .core import Settings
 from .core.settings import option
 
 DEFAULT_PRESET = "balanced"
+# The denoiser that cleans the finished picture.
+TOGETHER = "together"
+_FEW = {"own_geometry": False, "surround": 0, "stations": 0, "back_faces": False}
 # What presets set beside the settings of the passes: what is rendered. The budget is the time for views
-# beyond the frame, as a multiple of that of the direct light.
+# beyond the frame, as a multiple of that of the direct light (ADR 21).
 RENDERED: dict[str, dict[str, Any]] = {
-    "draft": {"budget": 0.5},
-    "balanced": {"budget": 1.5},
-    "final": {"budget": 6.0},
+    "draft": {"samples": 1, "denoiser": TOGETHER, "fill": 4, "budget": 1.5, **_FEW},
+    "balanced": {"samples": 4, "denoiser": TOGETHER, "fill": 16, "budget": 1.5, **_FEW},
+    "final": {
+        "samples": 32,
+        "denoiser": "accurate",
+        "fill": 64,
+        "budget": 6.0,
+        "own_geometry": True,
+        "surround": 128,
+        "stations": 8,
+        "back_faces": True,
+    },
 }
+# EEVEE renders no fill: what presets capture in its place.
+_WITHOUT_FILL = {"surround": 128}
 # What is captured beyond the frame, in the order of the panel.
 BEYOND_FRAME = (
     "budget", "fill", "surround", "overscan", "stations", "light_views", "back_faces", "behind",
@@ -26,9 +40,15 @@ BEYOND_FRAME = (
 CYCLES_ONLY = ("fill", "back_faces", "behind")
 ENGINE_LABELS = {"cycles": "Cycles", "eevee": "EEVEE"}
 ENGINES = tuple(ENGINE_LABELS)
-# The denoiser that cleans the finished picture.
-TOGETHER = "together"
 _MOST_SAMPLES = 1 << 24  # of Cycles
+
+
+_DEFAULT = RENDERED[DEFAULT_PRESET]
+
+
+def rendered(preset: str, engine: str) -> dict[str, Any]:
+    """Return the options of `JobOptions` that a preset sets, by name, for an engine."""
+    return RENDERED[preset] if engine == ENGINES[0] else {**RENDERED[preset], **_WITHOUT_FILL}
 
 
 @dataclass(frozen=True)
@@ -61,7 +81,7 @@ class JobOptions:
     frames: tuple[int, ...] | None = None
     overwrite: bool = False
     samples: int = option(
-        16,
+        _DEFAULT["samples"],
         "Samples per pixel of the direct light",
         label="Direct Samples",
         min=1,
@@ -69,22 +89,22 @@ class JobOptions:
         soft_max=1024,
     )
     denoiser: str = option(
-        "accurate",
+        _DEFAULT["denoiser"],
         "What Cycles' denoiser cleans, where this Blender has one: nothing, the direct light at its fastest "
         "or at its best setting, or direct and indirect light together, in place of the passes' own filters. "
-        "Together only the combined picture is clean: the layers that it was made of keep their noise",
+        "Together, the layer of the direct light keeps its noise",
         label="Denoiser",
         choices=("none", "fast", "accurate", TOGETHER),
     )
     own_geometry: bool = option(
-        True,
+        _DEFAULT["own_geometry"],
         "Render depth, normals and roughness by themselves, from one sample at each pixel's centre. Off, "
         "Cycles takes them from the render of the light: one render less, and edges that are less exact. "
         "Volumes, and EEVEE, need the render of their own",
         label="Own Geometry",
     )
     budget: float = option(
-        RENDERED[DEFAULT_PRESET]["budget"],
+        _DEFAULT["budget"],
         "Most time for all that is captured beyond the frame, as a multiple of the time of the direct light. "
         "What rays would gain most by comes first, what they do not need is left out, and the report says "
         "why. Presets set it",
@@ -94,7 +114,7 @@ class JobOptions:
         soft_max=10.0,
     )
     fill: int = option(
-        16,
+        _DEFAULT["fill"],
         "Samples per pixel of a path-traced render of a quarter of the size each way, with all bounces: it "
         "brings the light that rays cannot find. 0 renders none. Costs about a tenth of the direct light's "
         "time at 16. Through Cycles only",
@@ -105,7 +125,7 @@ class JobOptions:
         soft_max=64,
     )
     surround: int = option(
-        128,
+        _DEFAULT["surround"],
         "Side of six small views around the camera, in which rays that leave the frame find what lies "
         "beyond it; 0 captures none. Costs six short renders, together a few seconds at 128",
         label="Surround",
@@ -125,7 +145,7 @@ class JobOptions:
         soft_max=2.0,
     )
     stations: int = option(
-        8,
+        _DEFAULT["stations"],
         "Most views from elsewhere, placed where they see what rays lose sight of behind things. 0 captures "
         "none. Each costs a short render, a fraction of a second",
         label="Stations",
@@ -144,7 +164,7 @@ class JobOptions:
         soft_max=8,
     )
     back_faces: bool = option(
-        True,
+        _DEFAULT["back_faces"],
         "Capture how thick things are, in all views, instead of guessing. Costs one more render of each view "
         "with a single sample, and compiles all materials once more. Through Cycles only",
         label="Back Faces",
@@ -199,4 +219,5 @@ class JobOptions:
             If there is no such preset.
         """
         settings = Settings.preset(name)
-        return cls(**{"output": output, "settings": settings, **RENDERED[name], **changes})
+        options = rendered(name, changes.get("engine", ENGINES[0]))
+        return cls(**{"output": output, "settings": settings, **options, **changes})

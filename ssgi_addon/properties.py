@@ -12,8 +12,8 @@ import bpy
 import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
-from .core.settings import PRESETS, DiffuseSettings, ReflectionSettings, Settings
-from .job_options import DEFAULT_PRESET, ENGINE_LABELS, ENGINES, RENDERED, JobOptions
+from .core.settings import PRESETS, Settings
+from .job_options import DEFAULT_PRESET, ENGINE_LABELS, ENGINES, JobOptions, rendered
 
 # A Blender property has no "none" and no infinity; 0 stands for both, and its help says so.
 OPEN_ENDED = {None: "0 uses as many as there are", math.inf: "0 is without limit"}
@@ -21,12 +21,15 @@ OPEN_ENDED = {None: "0 uses as many as there are", math.inf: "0 is without limit
 _ENGINE_ITEMS = [(name, ENGINE_LABELS[name], "") for name in ENGINES]
 # Blender shows these units behind the number.
 _SUBTYPES = {"scene units": "DISTANCE", "pixels": "PIXEL"}
+_DEFAULTS = Settings.preset(DEFAULT_PRESET)
 _ACRONYMS = {"ssao": "SSAO"}
 
 
-def annotations_of(settings_type: type) -> dict[str, Any]:
-    """Make one Blender property for each option of a settings dataclass."""
-    return {item.name: _property(item) for item in fields(settings_type) if item.metadata}
+def annotations_of(settings: Any) -> dict[str, Any]:
+    """Make one Blender property for each option of a settings dataclass, with the value that it has there."""
+    return {
+        item.name: _property(item, getattr(settings, item.name)) for item in fields(settings) if item.metadata
+    }
 
 
 def core_settings(group: bpy.types.PropertyGroup) -> Settings:
@@ -64,24 +67,25 @@ def apply_preset(group: bpy.types.PropertyGroup, name: str) -> None:
             setattr(target, attribute, value)
 
 
-def _property(item: Field[Any]) -> Any:
+def _property(item: Field[Any], default: Any) -> Any:
     rule = item.metadata
     if rule["choices"] is not None:
         items = [(choice, _label(choice), "") for choice in rule["choices"]]
-        return EnumProperty(name=rule["label"], description=rule["help"], items=items, default=item.default)
+        return EnumProperty(name=rule["label"], description=rule["help"], items=items, default=default)
     if isinstance(item.default, bool):
-        return BoolProperty(name=rule["label"], description=rule["help"], default=item.default)
-    return _number_property(item)
+        return BoolProperty(name=rule["label"], description=rule["help"], default=default)
+    return _number_property(item, default)
 
 
-def _number_property(item: Field[Any]) -> Any:
+def _number_property(item: Field[Any], default: Any) -> Any:
     rule = item.metadata
-    options: dict[str, Any] = {"name": rule["label"], "description": rule["help"], "default": item.default}
+    options: dict[str, Any] = {"name": rule["label"], "description": rule["help"], "default": default}
     for ours, blenders in (("min", "min"), ("max", "max"), ("soft_max", "soft_max")):
         if rule[ours] is not None:
             options[blenders] = rule[ours]
     if item.default in OPEN_ENDED:
-        options |= {"default": 0, "min": 0, "description": f"{rule['help']}. {OPEN_ENDED[item.default]}"}
+        options |= {"min": 0, "description": f"{rule['help']}. {OPEN_ENDED[item.default]}"}
+        options["default"] = 0 if default == item.default else default
     if isinstance(item.default, float):
         return FloatProperty(**options, subtype=_SUBTYPES.get(rule["unit"], "NONE"))
     return IntProperty(**options, subtype=_SUBTYPES.get(rule["unit"], "NONE"))
@@ -117,32 +121,40 @@ def _flat(settings: Any, prefix: tuple[str, ...] = ()) -> dict[tuple[str, ...], 
 
 def _follow_preset(group: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
     apply_preset(group, group.preset)
-    for name, value in RENDERED[group.preset].items():
+    for name, value in rendered(group.preset, group.engine).items():
         setattr(group, name, value)
+
+
+def _follow_engine(group: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
+    """Set what the preset captures otherwise for this engine."""
+    options = [rendered(group.preset, engine) for engine in ENGINES]
+    for name, value in rendered(group.preset, group.engine).items():
+        if any(other[name] != value for other in options):
+            setattr(group, name, value)
 
 
 class SSGI_PG_diffuse(bpy.types.PropertyGroup):
     """Diffuse indirect light."""
 
-    __annotations__ = annotations_of(DiffuseSettings)
+    __annotations__ = annotations_of(_DEFAULTS.diffuse)
 
 
 class SSGI_PG_reflections(bpy.types.PropertyGroup):
     """Glossy indirect light."""
 
-    __annotations__ = annotations_of(ReflectionSettings)
+    __annotations__ = annotations_of(_DEFAULTS.reflections)
 
 
 class _SharedSettings:
     """What both passes share; kept apart, since a class body either assigns or writes annotations."""
 
-    __annotations__ = annotations_of(Settings)
+    __annotations__ = annotations_of(_DEFAULTS)
 
 
 class _JobOptions:
     """What to render besides, and what to keep."""
 
-    __annotations__ = annotations_of(JobOptions)
+    __annotations__ = annotations_of(JobOptions(output=Path()))
 
 
 class SSGI_PG_settings(_SharedSettings, _JobOptions, bpy.types.PropertyGroup):
@@ -168,6 +180,7 @@ class SSGI_PG_settings(_SharedSettings, _JobOptions, bpy.types.PropertyGroup):
         description="Which render engine renders the direct light",
         items=_ENGINE_ITEMS,
         default=ENGINES[0],
+        update=_follow_engine,
     )
 
     output: StringProperty(

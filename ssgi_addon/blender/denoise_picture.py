@@ -41,6 +41,9 @@ def compute_denoised_picture(
 ) -> tuple[Picture, dict[str, float]]:
     """Compute the indirect light of a captured frame without our filters, and denoise the sum.
 
+    What few samples brought to many pixels, diffuse light of a lower resolution, is filtered all the same:
+    its noise would be detail to the denoiser. For the same reason pixels do not share reflection rays.
+
     Parameters
     ----------
     scene
@@ -48,7 +51,7 @@ def compute_denoised_picture(
     captured
         Its direct light is noisy.
     settings
-        Of the passes; their filters do not matter.
+        Of the passes.
     progress
         Called with a fraction and a text.
 
@@ -67,8 +70,8 @@ def compute_denoised_picture(
     begun = time.perf_counter()
     settings = replace(
         settings,
-        diffuse=replace(settings.diffuse, filter=False),
-        reflections=replace(settings.reflections, filter=False),
+        diffuse=replace(settings.diffuse, filter=settings.diffuse.resolution != "full"),
+        reflections=replace(settings.reflections, filter=False, reuse=0),
     )
     picture = compute_picture(captured, settings, progress)
     denoising = time.perf_counter()
@@ -77,6 +80,23 @@ def compute_denoised_picture(
     clean = denoise_picture(scene, picture.combined, gbuffer.albedo + gbuffer.specular, gbuffer.normal)
     seconds = {"passes": denoising - begun, "denoise": time.perf_counter() - denoising}
     return replace(picture, combined=clean), seconds
+
+
+def clean_layers(scene: bpy.types.Scene, picture: Picture) -> Picture:
+    """Return a picture whose diffuse and glossy light is denoised, too, for who composites them.
+
+    Raises
+    ------
+    SSGIError
+        If the denoiser fails.
+    """
+    gbuffer, light = picture.frame.gbuffer, picture.light
+    white = np.ones_like(gbuffer.albedo)
+    layers = {
+        name: denoise_picture(scene, getattr(light, name), white, gbuffer.normal)
+        for name in ("diffuse", "glossy")
+    }
+    return replace(picture, light=replace(light, **layers))
 
 
 def denoise_picture(

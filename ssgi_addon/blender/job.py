@@ -24,7 +24,7 @@ from ..results import Picture, check_writable, compute_picture, peak_memory_mb, 
 from . import demo_scene
 from .capture import CaptureOptions, capture_frame
 from .comparison import compare_with_cycles
-from .denoise_picture import can_denoise_pictures, compute_denoised_picture
+from .denoise_picture import can_denoise_pictures, clean_layers, compute_denoised_picture
 from .display import write_display_png
 from .kept_world import KeptWorld
 from .restore import Restorer
@@ -177,6 +177,8 @@ def _render_one(
     picture, seconds = make_picture(scene, options, frame, _part(progress, 0.0, 0.95 * share), kept)
     writing = time.perf_counter()
     progress(0.96 * share, "Writing")
+    if "denoise" in seconds:
+        picture = clean_layers(scene, picture)
     if options.save_passes:
         write_passes(picture.frame, options.output / "passes", stem, options.settings)
     exr_path, png_path = options.output / f"{stem}.exr", options.output / f"{stem}.png"

@@ -227,7 +227,7 @@ def test_views_that_were_taken_leave_less_for_the_rest(room, steady_clock):
 
 
 def test_report_lists_what_is_left_out(room, tmp_path):
-    options = JobOptions(output=tmp_path, samples=1, resolution=(WIDTH, HEIGHT), budget=0.0)
+    options = JobOptions.preset("final", tmp_path, samples=1, resolution=(WIDTH, HEIGHT), budget=0.0)
     job.render_frames(room, options)
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["settings"]["budget"] == 0.0
@@ -272,8 +272,19 @@ def test_without_flags_the_capture_takes_the_defaults(asked_for, tmp_path):
 
 
 @pytest.mark.parametrize("preset", RENDERED)
-def test_preset_sets_the_budget(asked_for, preset):
-    assert asked_for("--preset", preset).budget == RENDERED[preset]["budget"]
+def test_preset_sets_what_is_captured(asked_for, preset):
+    options = asked_for("--preset", preset)
+    expected = {name: value for name, value in RENDERED[preset].items() if name in BEYOND_FRAME}
+    assert {name: getattr(options, name) for name in expected} == expected
+    assert (options.samples, options.own_geometry) == tuple(
+        RENDERED[preset][name] for name in ("samples", "own_geometry")
+    )
+
+
+def test_through_eevee_presets_capture_a_surround(asked_for):
+    """It renders no fill, which knows in their place what the frame does not show."""
+    assert asked_for("--engine", "eevee").surround == 128
+    assert asked_for("--engine", "eevee", "--surround", "0").surround == 0
 
 
 @pytest.mark.parametrize("line", ["--budget -1", "--fill -1", "--overscan 0.5", "--stations 1.5"])

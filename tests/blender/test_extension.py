@@ -51,7 +51,7 @@ def test_properties_mean_the_core_settings(extension, tmp_path):
 from bl_ext.user_default.ssgi.ssgi_addon.core.settings import PRESETS, Settings
 from bl_ext.user_default.ssgi.ssgi_addon.properties import core_settings
 settings = bpy.context.scene.ssgi
-result = {"default": core_settings(settings) == Settings()}
+result = {"default": core_settings(settings) == Settings.preset("balanced")}
 settings.seed = 7
 for name in PRESETS:
     settings.preset = name

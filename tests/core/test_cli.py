@@ -73,8 +73,9 @@ def test_render_hands_every_option_on(calls):
     )
     assert main(line.split()) == 0
     final = Settings.preset("final")
-    assert calls[0][1] == JobOptions(
-        output=Path("out"),
+    assert calls[0][1] == JobOptions.preset(
+        "final",
+        Path("out"),
         settings=replace(
             final, diffuse=replace(final.diffuse, rays=7), reflections=replace(final.reflections, rays=7)
         ),
@@ -203,7 +204,7 @@ def test_help_ends_well(command, capsys):
 def test_help_tells_the_default_and_the_cost_of_the_surround(capsys):
     main(["render", "--help"])
     text = " ".join(capsys.readouterr().out.split())
-    assert f"(default: {JobOptions(output=Path()).surround})" in text
+    assert "together a few seconds at 128 (default: the preset's)" in text
     assert "0 captures none" in text
 
 

@@ -36,6 +36,6 @@ def test_every_image_is_explained(image):
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_presets_are_as_stated(name):
-    rays, _, bounces = PRESETS[name]
+    rays, bounces = (PRESETS[name]["diffuse"][key] for key in ("rays", "bounces"))
     stated = " ".join(TEXT.split()).split("The presets set")[1].split(". ")[0]
     assert f"{rays} and {bounces} (`{name}`" in stated

@@ -10,6 +10,7 @@ from dataclasses import FrozenInstanceError, fields, replace
 import pytest
 
 from ssgi_addon.core import DiffuseSettings, ReflectionSettings, Settings
+from ssgi_addon.core.cells import STRIDES
 from ssgi_addon.core.settings import PRESETS
 
 KINDS = (Settings, ReflectionSettings, DiffuseSettings)
@@ -89,7 +90,8 @@ def test_presets_differ_and_more_costs_more():
     found = [Settings.preset(name) for name in ("draft", "balanced", "final")]
     assert len(set(found)) == len(PRESETS) == 3
     for cheap, dear in itertools.pairwise(found):
-        assert cheap.diffuse.rays <= dear.diffuse.rays
+        per_pixel = [of.diffuse.rays / STRIDES[of.diffuse.resolution] ** 2 for of in (cheap, dear)]
+        assert per_pixel[0] <= per_pixel[1]
         assert cheap.reflections.rays <= dear.reflections.rays
         assert cheap.diffuse.bounces <= dear.diffuse.bounces
     for settings in found:
