@@ -13,12 +13,19 @@ from .core.settings import option
 DEFAULT_PRESET = "balanced"
 # The denoiser that cleans the finished picture.
 TOGETHER = "together"
-_FEW = {"own_geometry": False, "surround": 0, "stations": 0, "back_faces": False}
+_FEW = {"own_geometry": False, "stations": 0, "back_faces": False, "mirrors_only": True}
 # What presets set beside the settings of the passes: what is rendered. The budget is the time for views
 # beyond the frame, as a multiple of that of the direct light (ADR 21).
 RENDERED: dict[str, dict[str, Any]] = {
-    "draft": {"samples": 1, "denoiser": TOGETHER, "fill": 4, "budget": 1.5, **_FEW},
-    "balanced": {"samples": 4, "denoiser": TOGETHER, "fill": 16, "budget": 1.5, **_FEW},
+    "draft": {"samples": 1, "denoiser": TOGETHER, "fill": 4, "budget": 1.5, "surround": 0, **_FEW},
+    "balanced": {
+        "samples": 4,
+        "denoiser": TOGETHER,
+        "fill": 16,
+        "budget": 1.5,
+        "surround": 128,
+        **_FEW,
+    },
     "final": {
         "samples": 32,
         "denoiser": "accurate",
@@ -28,13 +35,15 @@ RENDERED: dict[str, dict[str, Any]] = {
         "surround": 128,
         "stations": 8,
         "back_faces": True,
+        "mirrors_only": False,
     },
 }
 # EEVEE renders no fill: what presets capture in its place.
-_WITHOUT_FILL = {"surround": 128}
+_WITHOUT_FILL = {"surround": 128, "mirrors_only": False}
 # What is captured beyond the frame, in the order of the panel.
 BEYOND_FRAME = (
-    "budget", "fill", "surround", "overscan", "stations", "light_views", "back_faces", "behind",
+    "budget", "fill", "mirrors_only", "surround", "overscan", "stations", "light_views", "back_faces",
+    "behind",
 )  # fmt: skip
 # Of these, what Cycles alone can capture.
 CYCLES_ONLY = ("fill", "back_faces", "behind")
@@ -123,6 +132,12 @@ class JobOptions:
         min=0,
         max=_MOST_SAMPLES,
         soft_max=64,
+    )
+    mirrors_only: bool = option(
+        _DEFAULT["mirrors_only"],
+        "With a fill, capture views beyond the frame only where mirrors show them: the light of rougher "
+        "surfaces comes from the fill, in less time",
+        label="Views for Mirrors Only",
     )
     surround: int = option(
         _DEFAULT["surround"],

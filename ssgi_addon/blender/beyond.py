@@ -28,6 +28,9 @@ Progress = Callable[[float, str], None]
 _ELSEWHERE = ("stations", "lights")
 # Fewer rays than this share are not worth a render.
 LEAST_LOST = 0.02
+# Lobes of less roughness show single things, and colours from here on show them well; fewer pixels with both
+# than this share of the picture are no mirrors worth a render.
+_SHARP, _SHINING, LEAST_MIRRORS = 0.12, 0.1, 0.005
 # What a render costs before its first sample until one has been timed: Cycles' scene is there already.
 _RENDER_SECONDS = 0.05
 
@@ -96,6 +99,11 @@ class BeyondTheFrame:
         if self._has_kept_views():
             self._look_behind(around=False)
             return self.frame
+        if not self._has_mirrors():
+            names = ", ".join(name for name, is_wanted in (*outward.items(), *hidden.items()) if is_wanted)
+            if names:
+                self._leave_out(names, "few pixels are mirrors, and the fill brings the light of all else")
+            return self.frame
         if self._needs(outward, lambda lost: lost.left):
             self._take("surround", self._surround())
             self._take("overscan", self._overscan())
@@ -107,6 +115,14 @@ class BeyondTheFrame:
             frame = self.frame
             self.kept.keep(frame.views, frame.view_names, self._look().share, self.scene.frame_current)
         return self.frame
+
+    def _has_mirrors(self) -> bool:
+        """Whether views are wanted: for all surfaces, or for what mirrors enough of them sharply."""
+        if not self.options.mirrors_only or self.frame.fill is None:
+            return True
+        gbuffer = self.frame.gbuffer
+        is_mirror = (gbuffer.roughness < _SHARP) & (gbuffer.specular.max(axis=-1) > _SHINING)
+        return float(is_mirror.mean()) >= LEAST_MIRRORS
 
     def _has_kept_views(self) -> bool:
         """Go on with the views of an earlier frame where they answer this one's rays as well as its own."""

@@ -35,6 +35,8 @@ class CaptureOptions:
         Most time for all that is captured beyond the frame, relative to that of its direct light.
     overscan
         How many times as wide and high as the frame one more view is, with as many pixels; 1 captures none.
+    mirrors_only
+        With a fill, take views only where sharp reflections show them.
     surround
         Width and height of each of the six views around the camera, pixels; 0 captures none.
     stations
@@ -71,3 +73,4 @@ class CaptureOptions:
     back_faces: bool = False
     behind: bool = False
     fill: int = 0
+    mirrors_only: bool = False

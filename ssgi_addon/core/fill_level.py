@@ -118,17 +118,22 @@ def _moves(answered: Answered, frame: tuple[GBuffer, Camera], fill: Fill, thread
 
         mean, level, share = smooth([raw, level, share])
         (mean,) = smooth([_without_fireflies(raw, mean)])
-        target = level + (mean - level) * _trust(samples, share[:, 0])[:, None]
+        target = level + (mean - level) * _trust(samples, share[:, 0], passes)[:, None]
         image[texel, :3] = np.maximum(target - level, 0.0)
         image[texel, 3:6] = np.maximum(level - target, 0.0) / np.maximum(level, np.float32(1e-20))
         image[texel, 6] = 1.0
     return image
 
 
-def _trust(samples: FloatArray, known: FloatArray) -> FloatArray:
-    """Return the weight (N,) of a fill beside answered light: inverse to their squared errors."""
+def _trust(samples: FloatArray, known: FloatArray, passes: NDArray[np.integer[Any]] | int) -> FloatArray:
+    """Return the weight (N,) of a fill beside answered light: inverse to their squared errors.
+
+    A fill that fewer passes smooth is noisier, four times for each: what sharp mirrors show is as the rays
+    found it, where they found it.
+    """
     unknown = np.maximum(1.0 - known, 0.0)
-    weight: FloatArray = samples * (_UNKNOWN_ERROR * unknown * unknown + _LEAST_ERROR)
+    smoothed = np.asarray(0.25 ** np.maximum(_LEVELS - passes, 0), dtype=samples.dtype)
+    weight: FloatArray = samples * (_UNKNOWN_ERROR * unknown * unknown + _LEAST_ERROR * smoothed)
     return weight / (1.0 + weight)
 
 

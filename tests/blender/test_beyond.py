@@ -86,6 +86,14 @@ def steady_clock(monkeypatch):
     monkeypatch.setattr(beyond, "time", SimpleNamespace(perf_counter=lambda: 0.0))
 
 
+def polish(scene):
+    """Make all surfaces mirror, beside their diffuse light."""
+    for thing in scene.objects:
+        for slot in thing.material_slots:
+            shader = slot.material.node_tree.nodes["Principled BSDF"]
+            shader.inputs["Roughness"].default_value, shader.inputs["Metallic"].default_value = 0.0, 0.5
+
+
 def what_is_skipped(frame):
     return [what for what, _ in frame.skipped]
 
@@ -260,7 +268,7 @@ def test_flags_reach_the_capture(asked_for):
     found = {name: getattr(options, name) for name in BEYOND_FRAME}
     assert found == {
         "budget": 7.5, "fill": 3, "surround": 20, "overscan": 1.25, "stations": 5, "light_views": 2,
-        "back_faces": False, "behind": True,
+        "back_faces": False, "behind": True, "mirrors_only": True,
     }  # fmt: skip
     assert options.view_samples == job.VIEW_SAMPLES
 
@@ -279,6 +287,17 @@ def test_preset_sets_what_is_captured(asked_for, preset):
     assert (options.samples, options.own_geometry) == tuple(
         RENDERED[preset][name] for name in ("samples", "own_geometry")
     )
+
+
+def test_with_a_fill_views_are_for_mirrors_alone(room):
+    """Nothing in the room mirrors; a polished ball does, and without a fill everything wants views."""
+    options = replace(ALONE, surround=SIDE, fill=1, mirrors_only=True)
+    rough = capture_frame(room, options)
+    assert (rough.views, what_is_skipped(rough)) == ((), ["surround"])
+    assert len(capture_frame(room, replace(options, mirrors_only=False)).views) == 6
+    assert len(capture_frame(room, replace(options, fill=0)).views) == 6
+    polish(room)
+    assert len(capture_frame(room, options).views) == 6
 
 
 def test_through_eevee_presets_capture_a_surround(asked_for):

@@ -144,5 +144,6 @@ for name in ("main", "beyond", "diffuse", "reflections", "advanced", "output"):
         "filter",
         "method",
         "rays",
+        "resolution",
     ]
     assert {"preset", "surround", "rays", "thickness", "output"} <= set(drawn)

@@ -135,7 +135,8 @@ def test_job_keeps_the_world_only_where_it_may(room, tmp_path):
     for keeps in (True, False):
         options = JobOptions(
             output=tmp_path / str(keeps), settings=Settings.preset("draft"), resolution=(32, 18), samples=1,
-            surround=8, stations=0, back_faces=False, fill=2, budget=1000.0, frames=(1, 3), keep_world=keeps,
+            surround=8, stations=0, back_faces=False, mirrors_only=False, fill=2, budget=1000.0,
+            frames=(1, 3), keep_world=keeps,
         )  # fmt: skip
         render_frames(room, options)
         report = json.loads((options.output / "report.json").read_text())
