@@ -43,8 +43,11 @@ def handed_on(layers: Mapping[str, FloatArray], roughness: FloatArray) -> FloatA
     color, gloss = layers["Diffuse Color"], layers["Glossy Color"]
     is_rough_metal = (color.max(axis=-1) < _LEAST_DIFFUSE_COLOR) & (roughness >= _SPREADING_ROUGHNESS)
     is_surface = (color + gloss).max(axis=-1) > 0.0
-    glossy = limit_fireflies(layers["Glossy Direct"] * gloss, is_surface)
-    return np.where(is_rough_metal[..., None], glossy, layers["Diffuse Direct"] * _whole(color, gloss))
+    handed = layers["Diffuse Direct"] * _whole(color, gloss)
+    if is_rough_metal.any():
+        glossy = limit_fireflies(layers["Glossy Direct"] * gloss, is_surface, is_rough_metal)
+        handed[is_rough_metal] = glossy[is_rough_metal]
+    return handed
 
 
 def seen_from_elsewhere(gbuffer: GBuffer) -> GBuffer:
@@ -100,23 +103,29 @@ def _whole(color: FloatArray, gloss: FloatArray) -> FloatArray:
     return whole
 
 
-def limit_fireflies(light: FloatArray, is_surface: NDArray[np.bool_]) -> FloatArray:
-    """Return light (h, w, 3) without single pixels that outshine all around them.
+def limit_fireflies(
+    light: FloatArray, is_surface: NDArray[np.bool_], chosen: NDArray[np.bool_]
+) -> FloatArray:
+    """Return light (H, W, 3) whose chosen pixels (H, W) do not outshine all around them.
 
     Few light paths find small bright things by rare luck: such a pixel is right on average and wrong alone.
     None keeps more luminance than 4 times the median of the surfaces in the 5 x 5 pixels around it. That
     takes light away, the less the more samples there are.
     """
-    brightness = np.where(is_surface, luminance(light), np.float32(np.inf))
     radius = _MEDIAN_RADIUS
+    brightness = np.where(is_surface, luminance(light), np.float32(np.inf))
     padded = np.pad(brightness, radius, constant_values=np.inf)
-    windows = np.lib.stride_tricks.sliding_window_view(padded, (2 * radius + 1, 2 * radius + 1))
-    ordered = np.sort(windows.reshape(*brightness.shape, -1), axis=-1)
-    # The inf of what is no surface stands last
-    count = np.isfinite(ordered).sum(axis=-1, keepdims=True)
-    middle = np.maximum((count - 1) // 2, 0), np.maximum(count // 2, 0)
-    lower, upper = (np.take_along_axis(ordered, index, axis=-1) for index in middle)
-    with np.errstate(invalid="ignore"):
-        limit = np.where(count > 0, (0.5 * _BRIGHTEST) * (lower + upper), 0.0)
-        scale = np.minimum(1.0, limit / np.maximum(luminance(light)[..., None], 1e-20))
-    return np.where(is_surface[..., None], light * scale, light).astype(light.dtype, copy=False)
+    row, column = np.nonzero(chosen & is_surface)
+    corner = row * padded.shape[1] + column
+    offsets = [down * padded.shape[1] + right for down, right in np.ndindex(2 * radius + 1, 2 * radius + 1)]
+    ordered = np.sort(padded.reshape(-1).take(corner + np.array(offsets)[:, None]), axis=0)
+    # The inf of what is no surface stands last; the pixel itself is one
+    count = np.isfinite(ordered).sum(axis=0)
+    lower, upper = (
+        np.take_along_axis(ordered, index[None], axis=0)[0] for index in ((count - 1) // 2, count // 2)
+    )
+    own = light[row, column]
+    limit = (0.5 * _BRIGHTEST) * (lower + upper)
+    limited = light.copy()
+    limited[row, column] = own * np.minimum(1.0, limit / np.maximum(luminance(own), 1e-20))[:, None]
+    return limited

@@ -18,7 +18,7 @@ from .capture_notes import capture_notes
 from .capture_options import CaptureOptions
 from .cycles_passes import RenderedPasses
 from .engines import Engine, engine_named
-from .gbuffer import gbuffer_from_passes
+from .gbuffer import GEOMETRY_PASSES, LIGHT_PASSES, gbuffer_from_passes
 from .kept_world import KeptWorld
 from .render_settings import borrow_passes, borrow_pixel_centers, borrow_scene
 from .restore import Restorer
@@ -132,7 +132,9 @@ def _capture_together(
     with Restorer() as restorer:
         is_denoised = engine.borrow_light(restorer, scene, view_layer, options.samples, options.denoiser)
         roughness = borrow_roughness(restorer, view_layer)
-        names = tuple(dict.fromkeys((*engine.light_passes, *_GEOMETRY, *roughness.passes)))
+        kept = ("Position",) if options.keep_passes else ()
+        light = _light_passes(engine, is_denoised, options)
+        names = tuple(dict.fromkeys((*light, *GEOMETRY_PASSES, *kept, *roughness.passes)))
         borrow_passes(restorer, view_layer, names)
         rendered = engine.render(scene, view_layer, names)
         return rendered, roughness.read(rendered.layers), is_denoised
@@ -144,8 +146,16 @@ def _capture_light(
     """Render the light that needs no bounce; return its passes and whether Combined is denoised."""
     with Restorer() as restorer:
         is_denoised = engine.borrow_light(restorer, scene, view_layer, options.samples, options.denoiser)
-        borrow_passes(restorer, view_layer, engine.light_passes)
-        return engine.render(scene, view_layer, engine.light_passes), is_denoised
+        names = _light_passes(engine, is_denoised, options)
+        borrow_passes(restorer, view_layer, names)
+        return engine.render(scene, view_layer, names), is_denoised
+
+
+def _light_passes(engine: Engine, is_denoised: bool, options: CaptureOptions) -> tuple[str, ...]:
+    """Return the passes of light to take: each costs time, in the render and after it."""
+    # What is neither diffuse nor glossy tells how much of a denoised sum is reflected light
+    needs_all = is_denoised or options.keep_passes or not engine.world_in_direct
+    return engine.light_passes if needs_all else LIGHT_PASSES
 
 
 def _environment(radiance: FloatArray | None, camera: Camera) -> Environment | None:

@@ -51,6 +51,8 @@ class CaptureOptions:
         Capture how thick the visible surfaces are (Cycles), in all views.
     behind
         Capture the layer behind the visible surfaces with its light (Cycles), in all views.
+    keep_passes
+        Also take passes that only files hold: position, and light that is neither diffuse nor glossy.
     fill
         Samples per pixel of a small render of the indirect light (Cycles); 0 captures none.
     """
@@ -74,3 +76,4 @@ class CaptureOptions:
     behind: bool = False
     fill: int = 0
     mirrors_only: bool = False
+    keep_passes: bool = True

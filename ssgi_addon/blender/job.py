@@ -240,6 +240,7 @@ def make_picture(
             # Mirrors show single pixels of them, which the picture's denoiser would take for detail
             view_denoiser="fast" if together else None,
             own_geometry=options.own_geometry,
+            keep_passes=options.save_passes,
             resolution=options.resolution,
             frame=frame,
             view_samples=VIEW_SAMPLES,

@@ -45,7 +45,8 @@ class Plan:
         """(P,) the pixels that have glossy light, in the image's order."""
         if not self.rough.size:
             return self.reflections
-        return np.union1d(self.reflections, self.rough)
+        # Both are in order and share no pixel
+        return np.sort(np.concatenate([self.reflections, self.rough]), kind="stable")
 
 
 def plan_passes(gbuffer: GBuffer, settings: Settings, environment: Environment | None) -> Plan:

@@ -198,7 +198,7 @@ def test_single_bright_pixel_is_four_times_the_median():
     light[4, 4] = 1000.0
     is_surface = np.ones((9, 9), dtype=bool)
     is_surface[:, 0] = False
-    limited = limit_fireflies(light, is_surface)
+    limited = limit_fireflies(light, is_surface, is_surface)
     light[4, 4] = 4.0
     np.testing.assert_allclose(limited, light, rtol=FILTER_RELATIVE)
 
