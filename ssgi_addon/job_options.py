@@ -17,10 +17,10 @@ _FEW = {"own_geometry": False, "stations": 0, "back_faces": False, "mirrors_only
 # What presets set beside the settings of the passes: what is rendered. The budget is the time for views
 # beyond the frame, as a multiple of that of the direct light (ADR 21).
 RENDERED: dict[str, dict[str, Any]] = {
-    "draft": {"samples": 1, "denoiser": TOGETHER, "fill": 4, "budget": 1.5, "surround": 0, **_FEW},
+    "draft": {"samples": 1, "denoiser": "fast", "fill": 4, "budget": 1.5, "surround": 0, **_FEW},
     "balanced": {
         "samples": 4,
-        "denoiser": TOGETHER,
+        "denoiser": "fast",
         "fill": 16,
         "budget": 1.5,
         "surround": 128,

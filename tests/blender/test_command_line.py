@@ -121,7 +121,7 @@ def test_report_has_the_keys_of_the_contract(rendered):
     (frame,) = report["frames"]
     assert frame["frame"] == 1
     seconds = frame["seconds"]
-    assert {"capture", "passes", "total", "geometry", "light", "surround", "reference"} <= seconds.keys()
+    assert {"capture", "passes", "total", "light", "surround", "reference"} <= seconds.keys()
     assert seconds["capture"] + seconds["passes"] <= seconds["total"]
     assert frame["peak_memory_mb"] is None or frame["peak_memory_mb"] > 10.0
     for skipped in frame["skipped"]:

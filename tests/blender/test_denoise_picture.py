@@ -42,7 +42,7 @@ def denoiser(room):
 def options(tmp_path):
     return JobOptions(
         output=tmp_path,
-        settings=Settings.preset("draft"),
+        settings=Settings.preset("balanced"),
         resolution=SIZE,
         samples=1,
         denoiser="together",
