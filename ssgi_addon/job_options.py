@@ -13,14 +13,23 @@ from .core.settings import option
 DEFAULT_PRESET = "balanced"
 # The denoiser that cleans the finished picture.
 TOGETHER = "together"
-_FEW = {"own_geometry": False, "stations": 0, "back_faces": False, "mirrors_only": True}
+_FEW = {"stations": 0, "back_faces": False, "mirrors_only": True}
 # What presets set beside the settings of the passes: what is rendered. The budget is the time for views
 # beyond the frame, as a multiple of that of the direct light (ADR 21).
 RENDERED: dict[str, dict[str, Any]] = {
-    "draft": {"samples": 1, "denoiser": "fast", "fill": 4, "budget": 1.5, "surround": 0, **_FEW},
+    "draft": {
+        "samples": 1,
+        "denoiser": "fast",
+        "own_geometry": False,
+        "fill": 4,
+        "budget": 1.5,
+        "surround": 0,
+        **_FEW,
+    },
     "balanced": {
         "samples": 4,
         "denoiser": "fast",
+        "own_geometry": True,
         "fill": 16,
         "budget": 1.5,
         "surround": 128,

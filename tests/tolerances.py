@@ -380,3 +380,7 @@ FEW_SAMPLES_BOUNCES = 0.02
 # Number of a pixel's column read from samples of 4 x 4 pixels: each lies up to two beside its
 # cell's middle (measured: 1.4).
 UPSAMPLED_PLANE = 2.0
+# Share of the squared error of two samples' direct light, and of what surfaces hand on, that the denoiser
+# leaves in a closed room, and by how much it moves their means, relative (measured: 0.36 and 0.006).
+DENOISED_LIGHT = 0.5
+DENOISED_LIGHT_MEAN = 0.05

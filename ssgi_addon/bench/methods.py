@@ -33,7 +33,8 @@ _METHODS = {
     "reflections": ("linear", "min_z", "hierarchical"),
     "diffuse": ("hemisphere", "horizon", "bitmask"),
 }
-_UNLIMITED = 1000.0  # times the direct light's time: no layer is too dear
+# No layer is too dear, or for mirrors alone.
+_UNLIMITED: dict[str, Any] = {"budget": 1000.0, "mirrors_only": False}
 
 
 @dataclass(frozen=True)
@@ -195,10 +196,10 @@ def _switches(preset: str) -> list[Method]:
     flips.append((title, {"own_geometry": not base.own_geometry}))
     is_on = {name: getattr(base, name) != off for name, off in _OFF.items()}
     flips += [(f"without {_words(name)}", {name: _OFF[name]}) for name, on in is_on.items() if on]
-    # What is added must not be left out for its time, and is told against the same without it
-    flips.append(("without time limit", {"budget": _UNLIMITED}))
+    # What is added must not be left out, and is told against the same without it
+    flips.append(("without limits", _UNLIMITED))
     flips += [
-        (f"without time limit, with {_words(name)}", {"budget": _UNLIMITED, name: _ON[name]})
+        (f"without limits, with {_words(name)}", {**_UNLIMITED, name: _ON[name]})
         for name, on in is_on.items()
         if not on
     ]

@@ -28,6 +28,8 @@ _OTHER_LIGHT = (
 OTHER_LIGHT_PASSES = tuple(dict.fromkeys(name for pair in _OTHER_LIGHT for name in pair if name))
 # Where more of a pixel than this is other light, what is left of its denoised sum is the denoiser's error.
 _MOST_OTHER_LIGHT = 0.5
+# Light is divided by no smaller colour, and shares by no smaller sum.
+_LEAST_COLOR, _TINY = np.float32(1e-4), np.float32(1e-20)
 
 
 def gbuffer_from_passes(
@@ -50,20 +52,19 @@ def gbuffer_from_passes(
     camera
         That the passes were rendered with.
     is_denoised
-        Combined is denoised, and `layers` holds `OTHER_LIGHT_PASSES` too: mirrors then show clean surfaces.
-
+        Combined is denoised, and `layers` holds `OTHER_LIGHT_PASSES`: what surfaces hand on is clean then.
     emission : (H, W, 3)
         What surfaces hand on besides, at the pixels' centres: emitters whose edges are smoothed look larger
         to rays. None where emissive meshes are lamps already, as in Cycles' direct passes.
     """
     depth, normal = surfaces_from_passes(layers, camera)
+    if is_denoised:
+        layers = {**layers, **_denoised_light(layers)}
     source = handed_on(layers, roughness)
     glossy_source = layers["Diffuse Direct"] * layers["Diffuse Color"]
     glossy_source = glossy_source + layers["Glossy Direct"] * layers["Glossy Color"]
     if emission is not None:
         source, glossy_source = source + emission, glossy_source + emission
-    if is_denoised:
-        glossy_source = _denoised_reflection(layers, glossy_source)
     return GBuffer(
         depth=depth,
         normal=normal,
@@ -84,17 +85,30 @@ def surfaces_from_passes(layers: Mapping[str, FloatArray], camera: Camera) -> tu
     return depth, _world_to_view(layers["Normal"], camera)
 
 
-def _denoised_reflection(layers: Mapping[str, FloatArray], reflected: FloatArray) -> FloatArray:
-    """Return the light that surfaces reflect, from the denoised sum of all light where that is most of it.
+def _denoised_light(layers: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    """Return Diffuse and Glossy Direct from the denoised sum of all light where they are most of it.
 
-    A mirror shows single pixels, so their noise shows; diffuse rays average it.
+    Rays that meet a small bright thing all carry the noise of its few pixels, and mirrors show single ones.
+    The noise of both passes is that of the same lamps, so that their shares of the sum have little.
     """
-    other = np.zeros_like(reflected)
+    other = np.zeros_like(layers["Combined"])
     for light, color in _OTHER_LIGHT:
         other += layers[light] if color is None else layers[light] * layers[color]
     combined = layers["Combined"]
     is_clean = (other.sum(axis=-1) <= _MOST_OTHER_LIGHT * combined.sum(axis=-1))[..., None]
-    return np.where(is_clean, np.maximum(combined - other, 0.0), reflected)
+    clean = np.maximum(combined - other, 0.0)
+    colors = {name: layers[f"{name} Color"] for name in ("Diffuse", "Glossy")}
+    noisy = {name: layers[f"{name} Direct"] * color for name, color in colors.items()}
+    total, white = noisy["Diffuse"] + noisy["Glossy"], colors["Diffuse"] + colors["Glossy"]
+    found = {}
+    for name, color in colors.items():
+        # A pixel whose samples met no lamp has no shares of its own
+        share = np.where(
+            total > 0.0, noisy[name] / np.maximum(total, _TINY), color / np.maximum(white, _TINY)
+        )
+        light = np.where(color > _LEAST_COLOR, clean * share / np.maximum(color, _LEAST_COLOR), 0.0)
+        found[f"{name} Direct"] = np.where(is_clean, light, layers[f"{name} Direct"])
+    return found
 
 
 def _world_to_view(normal_ws: FloatArray, camera: Camera) -> FloatArray:

@@ -110,14 +110,16 @@ def _moves(answered: Answered, frame: tuple[GBuffer, Camera], fill: Fill, thread
         levels = _LEVELS + int(samples.min() < _FEW_SAMPLES)
         passes = np.minimum(passes, levels)
 
-        def smooth(parts: list[FloatArray]) -> list[FloatArray]:
-            nothing = np.zeros_like(raw[:, 0])
+        def smooth(parts: list[FloatArray], variance: FloatArray) -> list[FloatArray]:
+            wide = np.minimum(passes + 2 * (passes >= levels) * int(variance.any()), 5)
             return filter_light(
-                fill.surfaces, fill.camera, texel, parts, nothing, passes, threads, geometric_levels=levels
+                fill.surfaces, fill.camera, texel, parts, variance, wide, threads, geometric_levels=levels
             )
 
-        mean, level, share = smooth([raw, level, share])
-        (mean,) = smooth([_without_fireflies(raw, mean)])
+        mean, level, share = smooth([raw, level, share], np.zeros_like(raw[:, 0]))
+        limited = _without_fireflies(raw, mean)
+        # One pass more, which looks at luminance, takes what is left of the noise
+        (mean,) = smooth([limited], luminance(limited - mean) ** 2)
         target = level + (mean - level) * _trust(samples, share[:, 0], passes)[:, None]
         image[texel, :3] = np.maximum(target - level, 0.0)
         image[texel, 3:6] = np.maximum(level - target, 0.0) / np.maximum(level, np.float32(1e-20))

@@ -18,7 +18,14 @@ from ssgi_addon.blender.build import add_box, add_camera, new_material, new_worl
 from ssgi_addon.blender.capture import CaptureOptions, capture_frame
 from ssgi_addon.errors import SSGIError
 from tests.scenes import WHITE, build_ball_over_plane, build_closed_room, build_emissive_room
-from tests.tolerances import CAPTURED_GEOMETRY, PASS_SUM_RELATIVE, REPROJECTED_PX, UNIT_NORMAL
+from tests.tolerances import (
+    CAPTURED_GEOMETRY,
+    DENOISED_LIGHT,
+    DENOISED_LIGHT_MEAN,
+    PASS_SUM_RELATIVE,
+    REPROJECTED_PX,
+    UNIT_NORMAL,
+)
 
 ONE_SAMPLE = CaptureOptions(samples=1, denoiser="none")
 
@@ -312,14 +319,18 @@ def test_shadow_is_black_without_bounces(empty_file):
     assert gbuffer.direct[~gbuffer.is_background].max() == 0.0
 
 
-def test_denoising_changes_the_direct_light_alone(empty_file):
+def test_denoising_cleans_the_direct_light_and_what_surfaces_hand_on(empty_file):
     scene = build_closed_room()
     noisy = capture_frame(scene, CaptureOptions(samples=2, denoiser="none"))
     denoised = capture_frame(scene, CaptureOptions(samples=2, denoiser="accurate"))
     if "no denoiser" in " ".join(denoised.notes):
         pytest.skip("this Blender has no denoiser")
-    assert not np.array_equal(noisy.gbuffer.direct, denoised.gbuffer.direct)
-    assert np.array_equal(noisy.gbuffer.source, denoised.gbuffer.source)
+    truth = capture_frame(scene, CaptureOptions(samples=128, denoiser="none"))
+    for name in ("direct", "source", "glossy_source"):
+        right, *found = (getattr(of.gbuffer, name) for of in (truth, noisy, denoised))
+        noise, left = (np.mean((image - right) ** 2) for image in found)
+        assert left < DENOISED_LIGHT * noise, name
+        assert abs(found[1].mean() / right.mean() - 1.0) < DENOISED_LIGHT_MEAN, name
     assert np.array_equal(noisy.gbuffer.normal, denoised.gbuffer.normal)
 
 
