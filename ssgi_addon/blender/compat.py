@@ -156,3 +156,15 @@ def borrow_world(restorer: Restorer, view_layer: bpy.types.ViewLayer, world: bpy
 def writes_oblong_pixels() -> bool:
     """Whether multilayer EXR files can hold pixels that are not square; 5.0 and 5.1 fail without a reason."""
     return not (5, 0, 0) <= bpy.app.version < (5, 2, 0)
+
+
+def update_render_layers_nodes(view_layer: bpy.types.ViewLayer) -> None:
+    """Make the compositor show the passes of undone settings; its links would stay marked invalid.
+
+    Before 5.2 only the choice of an engine does that, and it frees the scene that Cycles keeps.
+    """
+    if bpy.app.version >= (5, 2, 0):
+        view_layer.update_render_passes()
+    else:
+        render = view_layer.id_data.render
+        render.engine = render.engine

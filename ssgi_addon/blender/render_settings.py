@@ -61,7 +61,7 @@ def borrow_scene(
     if engine_id == CYCLES:
         cycles_engine()
     layer = _find_view_layer(scene, view_layer)
-    restorer.callback(_update_render_layers_nodes, layer)
+    restorer.callback(compat.update_render_layers_nodes, layer)
     if frame is not None:
         _go_to_frame(restorer, scene, frame)
     check_camera(scene)
@@ -163,11 +163,6 @@ def _refuse_more_than_a_tile(size: tuple[int, int]) -> None:
             f"{size[0]} x {size[1]} pixels are more than a render returns in one piece: "
             f"render at most {LARGEST_TILE_PX} pixels a side."
         )
-
-
-def _update_render_layers_nodes(view_layer: bpy.types.ViewLayer) -> None:
-    """Make the compositor show the passes of undone settings; its links would stay marked invalid."""
-    view_layer.update_render_passes()
 
 
 def _find_view_layer(scene: bpy.types.Scene, name: str | None) -> bpy.types.ViewLayer:
