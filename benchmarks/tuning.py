@@ -32,8 +32,7 @@ from benchmarks.tuned_parameters import CASES, PARAMETERS, Changes, applied, set
 from benchmarks.variants import geometric_mean, relmse_without_noise
 from benchmarks.wide_frame import wide_frame
 from ssgi_addon.core import IndirectLight, composite, render_indirect
-from ssgi_addon.core.fill_level import Answered, set_level
-from ssgi_addon.core.pipeline import lobe_passes
+from ssgi_addon.core.pipeline import level_by_fill
 from ssgi_addon.core.planner import plan_passes
 from ssgi_addon.core.types import FloatArray
 from ssgi_addon.frame import CapturedFrame
@@ -109,20 +108,9 @@ class Bench:
 def levelled_light(frame: CapturedFrame, light: IndirectLight, settings: Any) -> IndirectLight:
     """Return light at the level of the frame's fill, as `render_indirect` does, without a second trace."""
     plan = plan_passes(frame.gbuffer, settings, frame.environment)
-    pixels = {"diffuse": plan.diffuse, "glossy": plan.reflections}
-    lights = [
-        Answered(
-            getattr(light, kind).reshape(-1, 3).take(pixel, axis=0),
-            getattr(light, f"known_{kind}").reshape(-1).take(pixel),
-            pixel,
-            getattr(frame.fill, kind),
-            *([lobe_passes(frame.gbuffer, pixel)] if kind == "glossy" else []),
-        )
-        for kind, pixel in pixels.items()
-    ]
-    images = {kind: getattr(light, kind).copy() for kind in pixels}
-    moved = set_level(lights, (frame.gbuffer, frame.camera), frame.fill, settings.threads)
-    for (kind, pixel), values in zip(pixels.items(), moved, strict=True):
+    images = {kind: getattr(light, kind).copy() for kind in ("diffuse", "glossy")}
+    place = frame.gbuffer, frame.camera
+    for kind, pixel, values in level_by_fill(vars(light), plan, place, frame.fill, settings.threads):
         images[kind].reshape(-1, 3)[pixel] = values
     return replace(light, **images)
 

@@ -30,7 +30,7 @@ __all__ = ["CaptureOptions", "capture_frame"]
 FloatArray = NDArray[np.float32]
 Progress = Callable[[float, str], None]
 
-_GEOMETRY = ("Depth", "Normal", "Position")
+_GEOMETRY = (*GEOMETRY_PASSES, "Position")
 
 
 def capture_frame(
@@ -132,9 +132,9 @@ def _capture_together(
     with Restorer() as restorer:
         is_denoised = engine.borrow_light(restorer, scene, view_layer, options.samples, options.denoiser)
         roughness = borrow_roughness(restorer, view_layer)
-        kept = ("Position",) if options.keep_passes else ()
+        geometry = _GEOMETRY if options.keep_passes else GEOMETRY_PASSES
         light = _light_passes(engine, is_denoised, options)
-        names = tuple(dict.fromkeys((*light, *GEOMETRY_PASSES, *kept, *roughness.passes)))
+        names = tuple(dict.fromkeys((*light, *geometry, *roughness.passes)))
         borrow_passes(restorer, view_layer, names)
         rendered = engine.render(scene, view_layer, names)
         return rendered, roughness.read(rendered.layers), is_denoised

@@ -34,7 +34,7 @@ class Engine(Protocol):
     denoises
         Whether it has a use for the denoiser.
     shares_geometry
-        Whether depth and normals of the light's render are as good as those of a single sample.
+        Whether its render of the light can bring depth, normals and roughness, too.
     light_passes
         All that the direct light is made of, by the passes' long names.
     """

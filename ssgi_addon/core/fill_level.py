@@ -23,10 +23,12 @@ from .gbuffer import GBuffer
 from .light import luminance
 from .types import FloatArray, IntArray
 
-# Passes of the filter, all blind to luminance: the last of three reaches 4 pixels of the fill.
+# Passes of the filter that are blind to luminance: the last of three reaches 4 pixels of the fill.
 _LEVELS = 3
 # Fewer samples than these take one pass more.
 _FEW_SAMPLES = 4.0
+# Passes after those for light that is wide enough, which look at luminance, and the most of all of them.
+_LUMINANCE_LEVELS, _MOST_LEVELS = 2, 5
 # No pixel of a fill counts as brighter than this many times the filtered light around it.
 _BRIGHTEST = 8.0
 # Squared error of answered light, in units of that of a fill with one sample: what the unknown share,
@@ -110,16 +112,17 @@ def _moves(answered: Answered, frame: tuple[GBuffer, Camera], fill: Fill, thread
         levels = _LEVELS + int(samples.min() < _FEW_SAMPLES)
         passes = np.minimum(passes, levels)
 
-        def smooth(parts: list[FloatArray], variance: FloatArray) -> list[FloatArray]:
-            wide = np.minimum(passes + 2 * (passes >= levels) * int(variance.any()), 5)
+        def smooth(
+            parts: list[FloatArray], variance: FloatArray, passes: NDArray[np.integer[Any]]
+        ) -> list[FloatArray]:
             return filter_light(
-                fill.surfaces, fill.camera, texel, parts, variance, wide, threads, geometric_levels=levels
+                fill.surfaces, fill.camera, texel, parts, variance, passes, threads, geometric_levels=levels
             )
 
-        mean, level, share = smooth([raw, level, share], np.zeros_like(raw[:, 0]))
+        mean, level, share = smooth([raw, level, share], np.zeros_like(raw[:, 0]), passes)
         limited = _without_fireflies(raw, mean)
-        # One pass more, which looks at luminance, takes what is left of the noise
-        (mean,) = smooth([limited], luminance(limited - mean) ** 2)
+        most = min(levels + _LUMINANCE_LEVELS, _MOST_LEVELS)
+        (mean,) = smooth([limited], luminance(limited - mean) ** 2, np.where(passes < levels, passes, most))
         target = level + (mean - level) * _trust(samples, share[:, 0], passes)[:, None]
         image[texel, :3] = np.maximum(target - level, 0.0)
         image[texel, 3:6] = np.maximum(level - target, 0.0) / np.maximum(level, np.float32(1e-20))

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,7 +19,7 @@ from .fill import Fill
 from .fill_level import Answered, set_level
 from .gbuffer import GBuffer
 from .light import IndirectLight, fill_unknown, luminance
-from .planner import plan_passes
+from .planner import Plan, plan_passes
 from .scene import TraceScene, View
 from .settings import Settings
 from .types import FloatArray, IntArray
@@ -191,23 +191,9 @@ class _Run:
     def fill_in(self, fill: Fill) -> None:
         """Bring diffuse and glossy light to the level of a fill."""
         self.report(0.95, "Fill")
-        kinds = {"diffuse": self.plan.diffuse, "glossy": self.plan.glossy}
-        kinds = {name: pixel for name, pixel in kinds.items() if pixel.size}
-        if not kinds:
-            return
-        lights = [
-            Answered(
-                self.images[name].reshape(-1, 3).take(pixel, axis=0),
-                self.images[f"known_{name}"].reshape(-1).take(pixel),
-                pixel,
-                getattr(fill, name),
-                lobe_passes(self.gbuffer, pixel) if name == "glossy" else len(_LOBE_STEPS),
-            )
-            for name, pixel in kinds.items()
-        ]
         frame = self.gbuffer, self.camera
-        for name, light in zip(kinds, set_level(lights, frame, fill, self.settings.threads), strict=True):
-            self._keep(name, kinds[name], light)
+        for name, pixel, light in level_by_fill(self.images, self.plan, frame, fill, self.settings.threads):
+            self._keep(name, pixel, light)
 
     def _keep(self, name: str, pixels: IntArray, values: FloatArray, elsewhere: float = 0.0) -> None:
         """Write values (P, ...) of some pixels into an image of the result."""
@@ -258,6 +244,42 @@ class _Run:
             seconds=dict(self.seconds),
             rays=dict(self.rays),
         )
+
+
+def level_by_fill(
+    images: Mapping[str, FloatArray],
+    plan: Plan,
+    frame: tuple[GBuffer, Camera],
+    fill: Fill,
+    threads: int | None,
+) -> list[tuple[str, IntArray, FloatArray]]:
+    """Return pixels (P,) and light (P, 3) at the level of a fill, by the names of the images.
+
+    Parameters
+    ----------
+    images
+        Those of `IndirectLight` before there was a fill, by name.
+    plan, frame
+        That they were made by and for.
+    fill, threads
+        As in `set_level`.
+    """
+    kinds = {"diffuse": plan.diffuse, "glossy": plan.glossy}
+    kinds = {name: pixel for name, pixel in kinds.items() if pixel.size}
+    if not kinds:
+        return []
+    lights = [
+        Answered(
+            images[name].reshape(-1, 3).take(pixel, axis=0),
+            images[f"known_{name}"].reshape(-1).take(pixel),
+            pixel,
+            getattr(fill, name),
+            lobe_passes(frame[0], pixel) if name == "glossy" else len(_LOBE_STEPS),
+        )
+        for name, pixel in kinds.items()
+    ]
+    levelled = set_level(lights, frame, fill, threads)
+    return [(name, pixel, light) for (name, pixel), light in zip(kinds.items(), levelled, strict=True)]
 
 
 def lobe_passes(gbuffer: GBuffer, pixel: IntArray) -> NDArray[np.int64]:

@@ -14,20 +14,23 @@ from ssgi_addon.frame import CapturedFrame
 from tests.core.synthetic import Plane, capture
 
 GREY = {"albedo": 0.5, "specular": 0.2, "roughness": 0.5, "source": 0.5}
-CORNER = [Plane((0, -1, 0), (0, 1, 0), **GREY), Plane((0, 0, -5), (0, 0, 1), **GREY)]
+FLOOR = Plane((0, -1, 0), (0, 1, 0), **GREY)
 
 
-def corner() -> CapturedFrame:
+def corner(roughness: float = 0.5) -> CapturedFrame:
     """A floor and a wall, with a fill of even light."""
     camera, coarse = Camera.perspective(48, 32, 1.0), Camera.perspective(12, 8, 1.0)
-    small = capture(coarse, CORNER)
+    surfaces = [FLOOR, Plane((0, 0, -5), (0, 0, 1), **{**GREY, "roughness": roughness})]
+    small = capture(coarse, surfaces)
     light = np.full((*small.shape, 3), 0.3, np.float32)
     fill = Fill(small.depth, small.normal, light, 0.5 * light, coarse)
-    return CapturedFrame(capture(camera, CORNER), camera, None, "analytic", True, True, fill=fill)
+    return CapturedFrame(capture(camera, surfaces), camera, None, "analytic", True, True, fill=fill)
 
 
-def test_light_at_the_level_of_the_fill_is_what_the_passes_make():
-    frame, settings = corner(), settings_of("balanced", {}, 0)
+@pytest.mark.parametrize("roughness", [0.5, 0.9])
+def test_light_at_the_level_of_the_fill_is_what_the_passes_make(roughness):
+    """Also of walls that are too rough for reflection rays of their own."""
+    frame, settings = corner(roughness), settings_of("balanced", {}, 0)
     inputs = frame.gbuffer, frame.camera, settings
     expected = render_indirect(*inputs, fill=frame.fill)
     found = levelled_light(frame, render_indirect(*inputs), settings)
