@@ -134,8 +134,8 @@ class JobOptions:
     fill: int = option(
         _DEFAULT["fill"],
         "Samples per pixel of a path-traced render of a quarter of the size each way, with all bounces: it "
-        "brings the light that rays cannot find. 0 renders none. Costs about a tenth of the direct light's "
-        "time at 16. Through Cycles only",
+        "brings the light that rays cannot find. 0 renders none. Costs about as much as one sample of the "
+        "whole frame at 16. Through Cycles only",
         label="Fill Samples",
         unit="samples/pixel",
         min=0,
