@@ -29,10 +29,10 @@ RENDERED: dict[str, dict[str, Any]] = {
     "balanced": {
         "samples": 4,
         "denoiser": "fast",
-        "own_geometry": True,
+        "own_geometry": False,
         "fill": 16,
         "budget": 1.5,
-        "surround": 128,
+        "surround": 0,
         **_FEW,
     },
     "final": {
@@ -133,11 +133,11 @@ class JobOptions:
     )
     fill: int = option(
         _DEFAULT["fill"],
-        "Samples per pixel of a path-traced render of a quarter of the size each way, with all bounces: it "
-        "brings the light that rays cannot find. 0 renders none. Costs about as much as one sample of the "
-        "whole frame at 16. Through Cycles only",
+        "Light paths for every 4 x 4 pixels, with all bounces, in a small path-traced render: it brings the "
+        "light that rays cannot find. The denoiser cleans it unless that is off. 0 renders none. Costs about "
+        "as much as one sample of the whole frame at 16. Through Cycles only",
         label="Fill Samples",
-        unit="samples/pixel",
+        unit="paths/16 pixels",
         min=0,
         max=_MOST_SAMPLES,
         soft_max=64,

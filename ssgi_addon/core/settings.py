@@ -300,6 +300,27 @@ class Settings:
         label="Unknown",
         choices=("environment", "nothing", "mean"),
     )
+    fill_mode: str = option(
+        "level",
+        "What a fill is for: it sets the level of what rays find everywhere, or, if it is denoised, it "
+        "brings the light in their place, and rays are left to sharp reflections and the visibility",
+        label="Fill Mode",
+        choices=("level", "replace"),
+    )
+    filled_roughness: float = option(
+        0.2,
+        "Where a fill brings the light, surfaces rougher than this trace no reflection rays and take the "
+        "fill's glossy light. 1 traces them all",
+        label="Filled from Roughness",
+        min=0.0,
+        max=1.0,
+    )
+    visibility: bool = option(
+        True,
+        "Where a fill brings the light, trace a few diffuse rays all the same, for the visibility and for "
+        "what is known",
+        label="Visibility",
+    )
     thickness: float = option(
         0.1,
         "Depth behind a visible surface that counts as solid, relative to its distance from the camera "
@@ -361,16 +382,20 @@ class Settings:
         )
 
 
-# What presets change: points on the frontier of error against time over nine real scenes together (ADR 21).
+# What presets change: points on the frontier of error against time over real scenes together (ADR 21, 22).
 PRESETS: dict[str, dict[str, Any]] = {
     "draft": {
         "diffuse": {"resolution": "quarter", "rays": 4, "bounces": 6},
         "reflections": {"rays": 1, "roughness_cutoff": 0.7},
+        "fill_mode": "replace",
+        "filled_roughness": 0.0,
+        "visibility": False,
         "max_steps": 96,
     },
     "balanced": {
         "diffuse": {"rays": 2, "bounces": 6},
         "reflections": {"rays": 1, "roughness_cutoff": 0.7},
+        "fill_mode": "replace",
     },
     "final": {
         "diffuse": {"rays": 32, "bounces": 8},
