@@ -14,6 +14,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, Po
 
 from .core.settings import PRESETS, Settings
 from .job_options import DEFAULT_PRESET, ENGINE_LABELS, ENGINES, JobOptions, rendered
+from .view_properties import CompareProperties, LookProperties
 
 # A Blender property has no "none" and no infinity; 0 stands for both, and its help says so.
 OPEN_ENDED = {None: "0 uses as many as there are", math.inf: "0 is without limit"}
@@ -157,7 +158,9 @@ class _JobOptions:
     __annotations__ = annotations_of(JobOptions(output=Path()))
 
 
-class SSGI_PG_settings(_SharedSettings, _JobOptions, bpy.types.PropertyGroup):
+class SSGI_PG_settings(
+    _SharedSettings, _JobOptions, LookProperties, CompareProperties, bpy.types.PropertyGroup
+):
     """Everything that a scene keeps for this extension."""
 
     enabled: BoolProperty(

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Arrays as images of the open file, for the image editor."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+from . import compat
+
+
+def show_in_image(name: str, pixels: npt.ArrayLike, *, is_light: bool = True) -> bpy.types.Image:
+    """Put an array into the image of that name; make the image if there is none.
+
+    Parameters
+    ----------
+    name
+        Of the image data-block. One of ours keeps its place in the editors that show it.
+    pixels : (H, W, 3) float32
+        Top row first.
+    is_light
+        Whether they are scene-linear radiance, which the scene's view transform shows, or display-referred
+        sRGB, which is shown as it is.
+
+    Returns
+    -------
+    bpy.types.Image
+        Packed, so that neither undo nor saving loses it and Blender asks nobody to save it.
+    """
+    colors = np.asarray(pixels, np.float32)
+    height, width = colors.shape[:2]
+    image = bpy.data.images.get(name)
+    if image is None or image.library:
+        image = bpy.data.images.new(name, width, height, alpha=True, float_buffer=True)
+    elif tuple(image.size) != (width, height):
+        image.scale(width, height)
+    if is_light:
+        compat.set_scene_linear(image)
+    rgba = np.ones((height, width, 4), np.float32)
+    rgba[..., :3] = (colors if is_light else _linear(colors))[::-1]  # Blender keeps the bottom row first
+    image.pixels.foreach_set(rgba.ravel())
+    image.use_view_as_render = is_light
+    image.update()
+    image.pack()
+    return image
+
+
+def show_in_editor(context: bpy.types.Context, image: bpy.types.Image) -> bool:
+    """Show an image in the editor of `context`, or in an open image editor; return False if none is open."""
+    space = context.space_data
+    if space is None or space.type != "IMAGE_EDITOR":
+        windows = context.window_manager.windows if context.window_manager else ()
+        spaces = (
+            area.spaces.active
+            for window in windows
+            for area in window.screen.areas
+            if area.type == "IMAGE_EDITOR"
+        )
+        space = next(spaces, None)
+    if space is None:
+        return False
+    space.image = image
+    return True
+
+
+def _linear(encoded: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Return scene-linear values that the display's sRGB curve turns into `encoded` (IEC 61966-2-1)."""
+    curve = ((encoded + 0.055) / 1.055) ** 2.4
+    return np.where(encoded <= 0.04045, encoded / 12.92, curve).astype(np.float32)
