@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Pictures of the extension's panels, made inside Blender's window.
+
+Usage, with the extension installed and enabled: ``blender --python docs/pictures/screenshots.py -- FOLDER``.
+The script renders the demo scene, arranges the editors, saves PNG files into the folder and quits Blender.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import traceback
+from collections.abc import Iterator
+from pathlib import Path
+
+import bpy
+
+FOLDER = Path(sys.argv[sys.argv.index("--") + 1]).resolve()
+SIZE = (480, 270)
+REFERENCE_SAMPLES = 16
+# Seconds for Blender to draw what was changed
+PATIENCE = 1.5
+# Each picture of the render properties shows the main panel with these panels below it.
+PANELS = {
+    "panel": ("sampling", "beyond"),
+    "panel_passes": ("diffuse", "reflections"),
+    "panel_results": ("compositing", "output", "compare", "advanced"),
+}
+# Share of the window that the render properties get in their pictures, about the width that they have at work
+NARROW = 0.27
+
+
+def steps() -> Iterator[float]:
+    """Take all pictures; yields how many seconds Blender may draw before the next step."""
+    bpy.context.preferences.view.show_splash = False
+    _demo_scene()
+    yield PATIENCE
+    window = bpy.context.window_manager.windows[0]
+
+    area = max(window.screen.areas, key=lambda area: area.width * area.height)
+    area.type = "IMAGE_EDITOR"
+    area.spaces.active.show_region_ui = True
+    yield PATIENCE
+    _open_sidebar(area)
+    scene = window.scene
+    for view in ("SPLIT", "ERROR"):
+        scene.ssgi.compare_view = view
+        with bpy.context.temp_override(window=window, area=area):
+            bpy.ops.ssgi.show_comparison()
+        yield PATIENCE
+        with bpy.context.temp_override(window=window, area=area, region=_region(area, "WINDOW")):
+            bpy.ops.image.view_all(fit_view=True)
+        yield PATIENCE
+        _save(window, area, f"compare_{view.lower()}")
+
+    area.type, area.ui_type = "NODE_EDITOR", "CompositorNodeTree"
+    area.spaces.active.show_region_ui = True
+    yield PATIENCE
+    _open_sidebar(area)
+    with bpy.context.temp_override(window=window, area=area, region=_region(area, "WINDOW")):
+        bpy.ops.node.view_all()
+    yield PATIENCE
+    _save(window, area, "compositor")
+
+    area.type = "PROPERTIES"
+    with bpy.context.temp_override(window=window, area=area):
+        bpy.ops.screen.area_split(direction="VERTICAL", factor=NARROW)
+    area = min((a for a in window.screen.areas if a.type == "PROPERTIES"), key=lambda area: area.x)
+    for name, shown in PANELS.items():
+        _show_only(("main", *shown))
+        area.spaces.active.context = "RENDER"
+        yield PATIENCE
+        _save(window, area, name)
+
+
+def _demo_scene() -> None:
+    """Build the demo scene, render it and compare it."""
+    demo = importlib.import_module(f"{_module()}.ssgi_addon.blender.demo_scene")
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=False)
+    for thing in list(bpy.data.objects):
+        bpy.data.objects.remove(thing)
+    scene = demo.build_demo_scene()
+    scene.render.resolution_x, scene.render.resolution_y = SIZE
+    scene.ssgi.compare, scene.ssgi.reference_samples = True, REFERENCE_SAMPLES
+    scene.ssgi.output = str(FOLDER / "results")
+    window = bpy.context.window_manager.windows[0]
+    window.scene = scene
+    with bpy.context.temp_override(window=window, scene=scene):
+        bpy.ops.ssgi.render()
+
+
+def _open_sidebar(area: bpy.types.Area) -> None:
+    """Show our tab of an editor's sidebar."""
+    _region(area, "UI").active_panel_category = "SSGI"
+
+
+def _region(area: bpy.types.Area, kind: str) -> bpy.types.Region:
+    return next(region for region in area.regions if region.type == kind)
+
+
+def _our_panels() -> list[type[bpy.types.Panel]]:
+    """Return our panels of the render properties, in their order."""
+    return list(importlib.import_module(f"{_module()}.ssgi_addon.ui.render_panels").CLASSES)
+
+
+def _module() -> str:
+    names = (addon.module for addon in bpy.context.preferences.addons)
+    return next(name for name in names if name.rpartition(".")[2] == "ssgi")
+
+
+def _show_only(shown: tuple[str, ...]) -> None:
+    """Leave nothing but some panels in the render properties of this session, unfolded."""
+    for cls in reversed([*_subclasses(bpy.types.Panel)]):
+        if getattr(cls, "bl_context", "") == "render" and cls.is_registered:
+            bpy.utils.unregister_class(cls)
+    for cls in _our_panels():
+        if cls.__name__.removeprefix("SSGI_PT_") in shown:
+            cls.bl_options = set(getattr(cls, "bl_options", ())) - {"DEFAULT_CLOSED"}
+            bpy.utils.register_class(cls)
+
+
+def _subclasses(cls: type) -> Iterator[type]:
+    for child in cls.__subclasses__():
+        yield child
+        yield from _subclasses(child)
+
+
+def _save(window: bpy.types.Window, area: bpy.types.Area, name: str) -> None:
+    with bpy.context.temp_override(window=window, area=area):
+        bpy.ops.screen.screenshot_area(filepath=str(FOLDER / f"{name}.png"))
+
+
+def _run(pending: Iterator[float]) -> float | None:
+    """Take the next step; quit after the last one, or at an error."""
+    try:
+        return next(pending)
+    except StopIteration:
+        pass
+    except Exception:
+        # A timer would swallow it.
+        traceback.print_exc()
+    bpy.ops.wm.quit_blender()
+    return None
+
+
+if __name__ == "__main__":
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    pending = steps()
+    # A file that is opened ends all timers that are not persistent.
+    bpy.app.timers.register(lambda: _run(pending), first_interval=PATIENCE, persistent=True)
