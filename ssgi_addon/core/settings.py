@@ -86,7 +86,7 @@ class ReflectionSettings:
         choices={
             "linear": "Look into pixel by pixel, or take steps",
             "min_z": "Skip empty space by a pyramid of nearest depths",
-            "hierarchical": "Skip by a pyramid of nearest and farthest depths, behind things too: the fastest",
+            "hierarchical": "Skip by a pyramid of nearest and farthest depths, the fastest",
         },
     )
     march_step: float = option(
