@@ -127,6 +127,7 @@ def _subclasses(cls: type) -> Iterator[type]:
 
 def _save(window: bpy.types.Window, area: bpy.types.Area, name: str) -> None:
     with bpy.context.temp_override(window=window, area=area):
+        bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
         bpy.ops.screen.screenshot_area(filepath=str(FOLDER / f"{name}.png"))
 
 

@@ -30,11 +30,7 @@ def show_in_image(name: str, pixels: npt.ArrayLike, *, is_light: bool = True) ->
     """
     colors = np.asarray(pixels, np.float32)
     height, width = colors.shape[:2]
-    image = bpy.data.images.get(name)
-    if image is None or image.library:
-        image = bpy.data.images.new(name, width, height, alpha=True, float_buffer=True)
-    elif tuple(image.size) != (width, height):
-        image.scale(width, height)
+    image = _image_of_size(name, width, height)
     if is_light:
         compat.set_scene_linear(image)
     rgba = np.ones((height, width, 4), np.float32)
@@ -62,6 +58,19 @@ def show_in_editor(context: bpy.types.Context, image: bpy.types.Image) -> bool:
         return False
     space.image = image
     return True
+
+
+def _image_of_size(name: str, width: int, height: int) -> bpy.types.Image:
+    old = bpy.data.images.get((name, None))  # not one that is linked
+    if old is not None and tuple(old.size) == (width, height):
+        return old
+    image = bpy.data.images.new(name, width, height, alpha=True, float_buffer=True)
+    if old is not None:
+        # A packed image cannot be made larger; editors and nodes show the new one in its place.
+        old.user_remap(image)
+        bpy.data.images.remove(old)
+        image.name = name
+    return image
 
 
 def _linear(encoded: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
