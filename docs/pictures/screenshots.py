@@ -8,16 +8,21 @@ The script renders the demo scene, arranges the editors, saves PNG files into th
 from __future__ import annotations
 
 import importlib
+import shutil
+import subprocess
 import sys
+import tempfile
 import traceback
 from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
+import numpy as np
 
 FOLDER = Path(sys.argv[sys.argv.index("--") + 1]).resolve()
+# Enough samples to do without a denoiser, which some builds of Blender lack
 SIZE = (480, 270)
-REFERENCE_SAMPLES = 16
+SAMPLES, REFERENCE_SAMPLES = 32, 64
 # Seconds for Blender to draw what was changed
 PATIENCE = 1.5
 # Each picture of the render properties shows the main panel with these panels below it.
@@ -43,6 +48,10 @@ def steps() -> Iterator[float]:
     yield PATIENCE
     _open_sidebar(area)
     scene = window.scene
+    with bpy.context.temp_override(window=window, area=area):
+        bpy.ops.ssgi.preview()
+    yield PATIENCE
+    _save(window, area, "preview")
     for view in ("SPLIT", "ERROR"):
         scene.ssgi.compare_view = view
         with bpy.context.temp_override(window=window, area=area):
@@ -55,6 +64,8 @@ def steps() -> Iterator[float]:
 
     area.type, area.ui_type = "NODE_EDITOR", "CompositorNodeTree"
     area.spaces.active.show_region_ui = True
+    if hasattr(area.spaces.active, "show_region_asset_shelf"):
+        area.spaces.active.show_region_asset_shelf = False
     yield PATIENCE
     _open_sidebar(area)
     with bpy.context.temp_override(window=window, area=area, region=_region(area, "WINDOW")):
@@ -81,6 +92,7 @@ def _demo_scene() -> None:
         bpy.data.objects.remove(thing)
     scene = demo.build_demo_scene()
     scene.render.resolution_x, scene.render.resolution_y = SIZE
+    scene.ssgi.samples = SAMPLES
     scene.ssgi.compare, scene.ssgi.reference_samples = True, REFERENCE_SAMPLES
     scene.ssgi.output = str(FOLDER / "results")
     window = bpy.context.window_manager.windows[0]
@@ -110,13 +122,17 @@ def _module() -> str:
 
 def _show_only(shown: tuple[str, ...]) -> None:
     """Leave nothing but some panels in the render properties of this session, unfolded."""
-    for cls in reversed([*_subclasses(bpy.types.Panel)]):
-        if getattr(cls, "bl_context", "") == "render" and cls.is_registered:
-            bpy.utils.unregister_class(cls)
-    for cls in _our_panels():
-        if cls.__name__.removeprefix("SSGI_PT_") in shown:
-            cls.bl_options = set(getattr(cls, "bl_options", ())) - {"DEFAULT_CLOSED"}
-            bpy.utils.register_class(cls)
+    for cls in _subclasses(bpy.types.Panel):
+        if getattr(cls, "bl_context", "") == "render":
+            cls.poll = classmethod(lambda _cls, _context: False)
+    ours = _our_panels()
+    for cls in reversed(ours):
+        bpy.utils.unregister_class(cls)
+    for cls in ours:
+        is_shown = cls.__name__.removeprefix("SSGI_PT_") in shown
+        cls.poll = classmethod(lambda _cls, _context, is_shown=is_shown: is_shown)
+        cls.bl_options = set(getattr(cls, "bl_options", ())) - {"DEFAULT_CLOSED"}
+        bpy.utils.register_class(cls)
 
 
 def _subclasses(cls: type) -> Iterator[type]:
@@ -126,9 +142,30 @@ def _subclasses(cls: type) -> Iterator[type]:
 
 
 def _save(window: bpy.types.Window, area: bpy.types.Area, name: str) -> None:
-    with bpy.context.temp_override(window=window, area=area):
-        bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
-        bpy.ops.screen.screenshot_area(filepath=str(FOLDER / f"{name}.png"))
+    """Save what an editor shows.
+
+    Blender's own screenshots are black with some drivers, software OpenGL among them; where the program
+    ``scrot`` is installed, it takes the picture of a screen that the window fills.
+    """
+    path = FOLDER / f"{name}.png"
+    if shutil.which("scrot") is None:
+        with bpy.context.temp_override(window=window, area=area):
+            bpy.ops.screen.screenshot_area(filepath=str(path))
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        screen = Path(folder, "screen.png")
+        subprocess.run(["scrot", str(screen)], check=True)
+        image = bpy.data.images.load(str(screen))
+    width, height = image.size
+    if (width, height) != (window.width, window.height):
+        raise RuntimeError("start Blender in a window that fills the screen (--window-geometry)")
+    image.colorspace_settings.name = "Non-Color"
+    pixels = np.empty(width * height * 4, np.float32)
+    image.pixels.foreach_get(pixels)
+    bpy.data.images.remove(image)
+    shown = pixels.reshape(height, width, 4)[area.y : area.y + area.height, area.x : area.x + area.width, :3]
+    write_png = importlib.import_module(f"{_module()}.ssgi_addon.png").write_png
+    write_png(path, np.rint(shown[::-1] * 255.0).astype(np.uint8))
 
 
 def _run(pending: Iterator[float]) -> float | None:

@@ -17,6 +17,8 @@ from .layer_group import GROUP_NAME, MARK
 
 # Custom property on a tree that `publish_layers` made where the scene had none.
 CREATED = "ssgi_created"
+# Of the group node, so that the names of its inputs can be read
+_NODE_WIDTH = 220.0
 
 
 def publish_layers(
@@ -198,6 +200,7 @@ def _insert(
     node = tree.nodes.new("CompositorNodeGroup")
     node.node_tree = group
     node.name = node.label = GROUP_NAME
+    node.width = _NODE_WIDTH
     x, y = output.node.location_absolute
     node.location = (x - node.width - 40.0, y - 140.0)
     if output.is_linked:

@@ -17,8 +17,7 @@ GROUP_NAME = "SSGI"
 MARK = "ssgi"
 
 # Inputs that scale one kind of light, beside Strength and Tint, which scale both.
-STRENGTHS = ("Diffuse Strength", "Glossy Strength")
-TINTS = ("Diffuse Tint", "Glossy Tint")
+LIGHT_INPUTS = ("Diffuse Strength", "Diffuse Tint", "Glossy Strength", "Glossy Tint")
 
 COLOR_LAYERS = ("direct", "diffuse", "glossy", "combined", "albedo", "specular")
 VALUE_LAYERS = ("visibility", "known")
@@ -66,7 +65,7 @@ def replace_image(nodes: list[bpy.types.Node], image: bpy.types.Image) -> None:
             inner for inner in group.nodes if inner.bl_idname == "CompositorNodeImage" and inner.get(MARK)
         ]
         inputs = {item.name for item in group.interface.items_tree if item.in_out == "INPUT"}
-        if not readers or not inputs.issuperset((*STRENGTHS, *TINTS)):
+        if not readers or not inputs.issuperset(LIGHT_INPUTS):
             _add_inputs(group)
             _fill_group(group, image)
         for reader in readers:
@@ -90,16 +89,17 @@ def discard_group(group: bpy.types.NodeTree) -> None:
 def _add_inputs(group: bpy.types.NodeTree) -> None:
     """Add the strengths and tints that the group does not have yet."""
     there = {item.name for item in group.interface.items_tree if item.in_out == "INPUT"}
-    for name in ("Strength", *STRENGTHS):
-        if name not in there:
-            socket = group.interface.new_socket(name, in_out="INPUT", socket_type="NodeSocketFloat")
-            socket.default_value, socket.min_value, socket.max_value = 1.0, 0.0, 100.0
-            socket.description = f"Factor on the {_light(name)} that is added to the image"
-    for name in ("Tint", *TINTS):
-        if name not in there:
+    for name in ("Strength", "Tint", *LIGHT_INPUTS):
+        if name in there:
+            continue
+        if name.endswith("Tint"):
             socket = group.interface.new_socket(name, in_out="INPUT", socket_type="NodeSocketColor")
             socket.default_value = (1.0, 1.0, 1.0, 1.0)
             socket.description = f"Color that the {_light(name)} is multiplied by"
+        else:
+            socket = group.interface.new_socket(name, in_out="INPUT", socket_type="NodeSocketFloat")
+            socket.default_value, socket.min_value, socket.max_value = 1.0, 0.0, 100.0
+            socket.description = f"Factor on the {_light(name)} that is added to the image"
 
 
 def _light(input_name: str) -> str:

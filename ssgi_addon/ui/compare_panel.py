@@ -37,6 +37,7 @@ class SSGI_PT_comparison(bpy.types.Panel):
         has_result = compare_image.result_path(scene) is not None
         has_reference = compare_image.has_reference(scene)
         column = layout.column(align=True)
+        column.use_property_split = False
         for view in VIEWS:
             row = column.row()
             row.enabled = has_result and (has_reference or not view.needs_reference)

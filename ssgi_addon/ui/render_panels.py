@@ -15,7 +15,7 @@ from ..core.settings import DiffuseSettings, ReflectionSettings, Settings
 from ..job_options import BEYOND_FRAME, CYCLES_ONLY
 from ..last_result import frame_record, reasons_skipped
 from .compare_panel import draw_metrics
-from .drawing import draw_look, draw_messages
+from .drawing import draw_cost, draw_look, draw_messages
 from .presets import SSGI_PT_presets
 
 
@@ -64,7 +64,7 @@ class SSGI_PT_main(_RenderPanel, bpy.types.Panel):
             draw_messages(layout, ["Only Cycles' own renders get the light by themselves: use the button"])
         layout.prop(settings, "preset")
         layout.prop(settings, "engine")
-        row = layout.row(align=True)
+        row = layout.split(factor=0.65, align=True)
         row.operator("ssgi.render", icon="RENDER_STILL")
         row.operator("ssgi.preview", icon="IMAGE_DATA")
 
@@ -126,8 +126,7 @@ class SSGI_PT_beyond(_SubPanel, bpy.types.Panel):
             row = layout.row()
             row.active = available
             row.prop(settings, name)
-            if name in shares and available:
-                row.label(text=f"+{shares.pop(name):.0%}")
+            draw_cost(row, shares.get(name) if available else None)
             for reason in reasons_skipped(record, name):
                 draw_messages(layout, [f"Last time skipped: {reason}"], icon="INFO")
         layout.prop(settings, "keep_world")

@@ -39,7 +39,8 @@ class Layout:
         self.drawn["operators"].append(name)
 
     def label(self, text="", **_):
-        self.drawn["labels"].append(text)
+        if text:
+            self.drawn["labels"].append(text)
 
     def popover(self, panel, **_):
         assert hasattr(bpy.types, panel), panel

@@ -78,7 +78,7 @@ def test_group_of_an_earlier_version_gets_the_new_inputs(scene, settings, result
     compositor.layer_look.stop_following(node)
     interface = node.node_tree.interface
     for item in list(interface.items_tree):
-        if item.name in (*layer_group.STRENGTHS, *layer_group.TINTS):
+        if item.name in layer_group.LIGHT_INPUTS:
             interface.remove(item)
     settings.diffuse_strength = 3.0  # nothing to set yet
     compositor.publish_layers(scene, path)
