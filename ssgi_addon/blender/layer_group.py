@@ -64,14 +64,16 @@ def replace_image(nodes: list[bpy.types.Node], image: bpy.types.Image) -> None:
         readers = [
             inner for inner in group.nodes if inner.bl_idname == "CompositorNodeImage" and inner.get(MARK)
         ]
+        replaced = {reader.image for reader in readers if reader.image}
         inputs = {item.name for item in group.interface.items_tree if item.in_out == "INPUT"}
-        if not readers or not inputs.issuperset(LIGHT_INPUTS):
+        if readers and inputs.issuperset(LIGHT_INPUTS):
+            for reader in readers:
+                reader.image = image
+        else:
             _add_inputs(group)
             _fill_group(group, image)
-        for reader in readers:
-            old = reader.image
-            reader.image = image
-            if old and not old.users:
+        for old in replaced:
+            if not old.users:
                 bpy.data.images.remove(old)
 
 
