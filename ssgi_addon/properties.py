@@ -14,7 +14,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, Po
 
 from .core.settings import PRESETS, Settings
 from .job_options import DEFAULT_PRESET, ENGINE_LABELS, ENGINES, PRESET_HELP, JobOptions, rendered
-from .view_properties import CompareProperties, LookProperties
+from .view_properties import CompareProperties, LookProperties, redraw_comparison
 
 # A Blender property has no "none" and no infinity; 0 stands for both, and its help says so.
 OPEN_ENDED = {None: "0 uses as many as there are", math.inf: "0 is without limit"}
@@ -206,7 +206,11 @@ class SSGI_PG_settings(
         default=True,
     )
     result: StringProperty(
-        name="Result", description="The file that the last run wrote", subtype="FILE_PATH", options={"HIDDEN"}
+        name="Result",
+        description="File that the last run wrote",
+        subtype="FILE_PATH",
+        options={"HIDDEN"},
+        update=redraw_comparison,
     )
 
 

@@ -14,7 +14,8 @@ def _apply_look(group: bpy.types.PropertyGroup, _context: bpy.types.Context) -> 
     compositor.apply_look(group.id_data)
 
 
-def _redraw(group: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
+def redraw_comparison(group: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
+    """Show a change in the comparison, if there is one."""
     compare_image.redraw(group.id_data)
 
 
@@ -68,7 +69,7 @@ class CompareProperties:
             description="Part of the last result that the comparison shows",
             items=[(view.name, view.label, view.help) for view in VIEWS],
             default=VIEWS[0].name,
-            update=_redraw,
+            update=redraw_comparison,
         ),
         "compare_split": FloatProperty(
             name="Split",
@@ -77,6 +78,6 @@ class CompareProperties:
             default=0.5,
             min=0.0,
             max=1.0,
-            update=_redraw,
+            update=redraw_comparison,
         ),
     }

@@ -21,8 +21,8 @@ import numpy as np
 
 FOLDER = Path(sys.argv[sys.argv.index("--") + 1]).resolve()
 # Enough samples to do without a denoiser, which some builds of Blender lack
-SIZE = (480, 270)
-SAMPLES, REFERENCE_SAMPLES = 32, 64
+SIZE = (384, 216)
+SAMPLES, REFERENCE_SAMPLES = 16, 32
 # Seconds for Blender to draw what was changed
 PATIENCE = 1.5
 # Each picture of the render properties shows the main panel with these panels below it.

@@ -9,7 +9,7 @@ from typing import Any
 
 import bpy
 
-from ..compare_picture import DIRECT, KNOWN, OURS, REFERENCE, FloatArray, compose, view_named
+from ..compare_picture import DIRECT, KNOWN, OURS, REFERENCE, compose, view_named
 from ..errors import SSGIError
 from ..exr import read_layers
 from ..last_result import frame_record, modified, reference_path
@@ -27,9 +27,12 @@ def result_path(scene: bpy.types.Scene) -> Path | None:
 
 
 def has_reference(scene: bpy.types.Scene) -> bool:
-    """Whether the last result of `scene` was compared with Cycles."""
+    """Whether the last result of `scene` was compared with Cycles.
+
+    The file of the reference alone does not tell: it may be that of an earlier result.
+    """
     path = result_path(scene)
-    return path is not None and modified(reference_path(path)) is not None
+    return path is not None and metrics(scene) is not None and modified(reference_path(path)) is not None
 
 
 def metrics(scene: bpy.types.Scene) -> dict[str, dict[str, float | None]] | None:
@@ -53,7 +56,12 @@ def draw_comparison(scene: bpy.types.Scene) -> bpy.types.Image:
     view = view_named(scene.ssgi.compare_view)
     layers = _layers(path, modified(path))
     if view.needs_reference:
-        layers = layers | {REFERENCE: _reference(reference_path(path))}
+        if not has_reference(scene):
+            raise SSGIError(
+                "The last result was not compared with Cycles: switch the comparison on, then render again"
+            )
+        reference = reference_path(path)
+        layers = layers | {REFERENCE: _layers(reference, modified(reference))[OURS]}
     try:
         pixels = compose(view, layers, scene.ssgi.compare_split)
     except (KeyError, ValueError) as error:
@@ -68,15 +76,6 @@ def redraw(scene: bpy.types.Scene) -> None:
     if view_named(scene.ssgi.compare_view).needs_reference and not has_reference(scene):
         return
     draw_comparison(scene)
-
-
-def _reference(path: Path) -> FloatArray:
-    written = modified(path)
-    if written is None:
-        raise SSGIError(
-            "The last result was not compared with Cycles: switch on Compare with Cycles, then render again"
-        )
-    return _layers(path, written)[OURS]
 
 
 @lru_cache(maxsize=2)

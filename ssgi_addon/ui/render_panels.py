@@ -64,9 +64,8 @@ class SSGI_PT_main(_RenderPanel, bpy.types.Panel):
             draw_messages(layout, ["Only Cycles' own renders get the light by themselves: use the button"])
         layout.prop(settings, "preset")
         layout.prop(settings, "engine")
-        row = layout.split(factor=0.65, align=True)
-        row.operator("ssgi.render", icon="RENDER_STILL")
-        row.operator("ssgi.preview", icon="IMAGE_DATA")
+        layout.operator("ssgi.render", icon="RENDER_STILL")
+        layout.operator("ssgi.preview", icon="IMAGE_DATA")
 
 
 class SSGI_PT_sampling(_SubPanel, bpy.types.Panel):

@@ -2,6 +2,9 @@
 """A layout without a window: source text for scripts that run in a Blender of their own."""
 
 STUB_LAYOUT = '''
+from types import SimpleNamespace
+
+
 class Layout:
     """Takes the calls of a panel; looks up each property, enum item and operator that it names."""
 
@@ -37,6 +40,10 @@ class Layout:
         family, _, verb = name.partition(".")
         getattr(getattr(bpy.ops, family), verb).get_rna_type()
         self.drawn["operators"].append(name)
+        return SimpleNamespace()
+
+    def progress(self, **_):
+        pass
 
     def label(self, text="", **_):
         if text:

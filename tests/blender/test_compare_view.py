@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -46,8 +47,15 @@ def layers(scene, tmp_path):
 @pytest.fixture
 def reference(layers, tmp_path):
     picture = result_layers(WIDTH, HEIGHT, seed=1)["combined"]
-    write_layers(reference_path(tmp_path / "room_0001.exr"), {"combined": picture})
+    write_reference(tmp_path, picture)
     return picture
+
+
+def write_reference(folder, picture):
+    """Write what a comparison of frame 1 leaves: the reference, and metrics in the report."""
+    write_layers(reference_path(folder / "room_0001.exr"), {"combined": picture})
+    record = {"frame": 1, "metrics": {"combined": METRICS, "direct_only": METRICS}}
+    (folder / "report.json").write_text(json.dumps({"frames": [record]}))
 
 
 def pixels(image):
@@ -125,8 +133,7 @@ def test_a_result_that_was_written_again_is_read_again(scene, layers, tmp_path):
 
 
 def test_a_result_of_another_size_than_its_reference_is_refused(scene, layers, tmp_path):
-    other = result_layers(WIDTH, HEIGHT // 2)["combined"]
-    write_layers(reference_path(tmp_path / "room_0001.exr"), {"combined": other})
+    write_reference(tmp_path, result_layers(WIDTH, HEIGHT // 2)["combined"])
     compare_image.draw_comparison(scene)
     scene.ssgi.compare_view = "SPLIT_REFERENCE"
     with pytest.raises(SSGIError, match="one size"):
@@ -143,9 +150,27 @@ def test_without_a_result_there_is_nothing_to_show(scene, tmp_path):
 
 def test_metrics_are_those_of_the_report(scene, layers, tmp_path):
     assert compare_image.metrics(scene) is None
-    record = {"frame": 1, "metrics": {"combined": METRICS, "direct_only": METRICS}}
-    (tmp_path / "report.json").write_text(json.dumps({"frames": [record]}))
+    write_reference(tmp_path, layers["combined"])
     assert compare_image.metrics(scene)["combined"] == METRICS
+
+
+def test_reference_of_an_earlier_result_does_not_count(scene, layers, reference, tmp_path):
+    assert compare_image.has_reference(scene)
+    (tmp_path / "report.json").write_text(json.dumps({"frames": [{"frame": 1, "metrics": None}]}))
+    os.utime(tmp_path / "report.json", ns=(1, 1))  # clocks of file systems are coarse
+    assert not compare_image.has_reference(scene)
+    scene.ssgi.compare_view = "REFERENCE"
+    with pytest.raises(SSGIError, match="not compared"):
+        compare_image.draw_comparison(scene)
+
+
+def test_a_new_result_is_shown_at_once(scene, layers, tmp_path):
+    scene.ssgi.compare_view = "OURS"
+    compare_image.draw_comparison(scene)
+    newer = result_layers(WIDTH, HEIGHT, seed=3)
+    write_layers(tmp_path / "room_0002.exr", newer)
+    scene.ssgi.result = str(tmp_path / "room_0002.exr")
+    np.testing.assert_array_equal(shown(), newer["combined"])
 
 
 def test_image_survives_saving_and_loading(scene, layers, tmp_path):

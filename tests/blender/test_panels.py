@@ -16,7 +16,6 @@ FLOAT_LIMIT = 1e37
 
 def test_every_panel_draws_what_there_is(extension, tmp_path):
     script = f"""{STUB_LAYOUT}
-from types import SimpleNamespace
 make_scene()
 space = SimpleNamespace(tree_type="CompositorNodeTree", type="NODE_EDITOR")
 context = SimpleNamespace(scene=bpy.context.scene, space_data=space, engine="CYCLES")
@@ -38,7 +37,6 @@ result = {{name: draw(name, context) for name in our_panels()}}
 
 def test_each_setting_is_drawn_once_in_the_render_properties(extension, tmp_path):
     script = f"""{STUB_LAYOUT}
-from types import SimpleNamespace
 scene = make_scene()
 context = SimpleNamespace(scene=scene, engine="CYCLES")
 drawn = [name for panel in our_panels() if getattr(bpy.types, panel).bl_space_type == "PROPERTIES"
@@ -78,7 +76,6 @@ result = numbers
 
 def test_a_camera_that_cannot_be_traced_is_named_in_panel_and_poll(extension, tmp_path):
     script = f"""{STUB_LAYOUT}
-from types import SimpleNamespace
 scene = make_scene()
 context = SimpleNamespace(scene=scene, engine="CYCLES")
 def state():
@@ -107,7 +104,6 @@ result["no camera"] = state()
 
 def test_engines_without_the_effect_in_renders_are_told_of(extension, tmp_path):
     script = f"""{STUB_LAYOUT}
-from types import SimpleNamespace
 scene = make_scene()
 scene.ssgi.enabled = True
 def labels(engine):
@@ -126,7 +122,6 @@ result = [labels("CYCLES"), labels(eevee), polls]
 
 def test_captures_say_their_cost_and_why_they_were_skipped(extension, tmp_path):
     script = f"""{STUB_LAYOUT}
-from types import SimpleNamespace
 scene = make_scene(160, 90)
 context = SimpleNamespace(scene=scene, engine="CYCLES")
 scene.ssgi.samples, scene.ssgi.fill, scene.ssgi.surround = 4, 16, 60
@@ -211,7 +206,6 @@ result = [preset_values(), [item.name for item in fields(Settings) if item.metad
 
 def test_shared_compositor_is_left_alone_with_a_message(extension, tmp_path):
     script = f"""{STUB_LAYOUT}
-from types import SimpleNamespace
 scene = make_scene()
 result = None
 if bpy.app.version >= (5, 0, 0):
