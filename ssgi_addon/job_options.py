@@ -125,7 +125,7 @@ class JobOptions:
     )
     own_geometry: bool = option(
         _DEFAULT["own_geometry"],
-        "Render depth, normals and roughness by themselves, from one sample at each pixel's centre. Off, "
+        "Render depth, normals and roughness by themselves, from one sample at each pixel's center. Off, "
         "Cycles takes them from the render of the light: one render less, and edges that are less exact. "
         "Volumes, and EEVEE, need the render of their own",
         label="Own Geometry",

@@ -17,7 +17,7 @@ from .job_options import DEFAULT_PRESET, ENGINE_LABELS, ENGINES, PRESET_HELP, Jo
 from .view_properties import CompareProperties, LookProperties, redraw_comparison
 
 # A Blender property has no "none" and no infinity; 0 stands for both, and its help says so.
-OPEN_ENDED = {None: "0 uses as many as there are", math.inf: "0 is without limit"}
+OPEN_ENDED = {None: "0 takes as many as there are", math.inf: "0 is without limit"}
 # Outside the class: Python 3.11 evaluates annotations where a comprehension sees no other names.
 _ENGINE_ITEMS = [
     (name, ENGINE_LABELS[name], f"Render the direct light with {ENGINE_LABELS[name]}") for name in ENGINES

@@ -162,7 +162,7 @@ def _save(window: bpy.types.Window, area: bpy.types.Area, name: str) -> None:
         screen = Path(folder, "screen.png")
         subprocess.run(["scrot", str(screen)], check=True)
         image = bpy.data.images.load(str(screen))
-    width, height = image.size
+        width, height = image.size  # this reads the file
     if (width, height) != (window.width, window.height):
         raise RuntimeError("start Blender in a window that fills the screen (--window-geometry)")
     image.colorspace_settings.name = "Non-Color"

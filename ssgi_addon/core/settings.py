@@ -143,7 +143,7 @@ class ReflectionSettings:
     )
     reuse: int = option(
         4,
-        "Neighbouring pixels whose rays each pixel takes too, weighted by its own lobe",
+        "Neighboring pixels whose rays each pixel takes too, weighted by its own lobe",
         label="Reuse",
         unit="pixels",
         min=0,
@@ -156,15 +156,15 @@ class ReflectionSettings:
         label="Cone Footprint",
     )
     subpixel: bool = option(
-        True, "Read what a ray finds between pixels, not at the nearest one's centre", label="Subpixel Hits"
+        True, "Read what a ray finds between pixels, not at the nearest one's center", label="Subpixel Hits"
     )
     exact_mirrors: bool = option(
-        True, "Mirrors take one exact ray; otherwise very narrow lobes", label="Exact Mirrors"
+        True, "Trace one exact ray from mirrors; otherwise they have very narrow lobes", label="Exact Mirrors"
     )
     elongation: bool = option(
         True,
-        "Reflections stretch toward the viewer at grazing angles, as those of microfacets do; otherwise "
-        "lobes are round",
+        "Stretch reflections toward the viewer at grazing angles, as microfacets do; "
+        "otherwise lobes are round",
         label="Elongation",
     )
     edge_fade: float = option(
@@ -341,8 +341,7 @@ class Settings:
     )
     max_steps: int | None = option(
         None,
-        "Cells of the depth pyramid that a ray may look at; one that is not done by then brings no answer. "
-        "Empty means as many as it takes",
+        "Cells of the depth pyramid that a ray may look at; one that is not done by then brings no answer",
         label="Steps",
         min=1,
         max=1_000_000,
@@ -350,7 +349,7 @@ class Settings:
     seed: int = option(0, "Seed of the sampling pattern", label="Seed", min=0, max=2**31 - 1)
     threads: int | None = option(
         None,
-        "Worker threads; empty means all cores. Never changes a result",
+        "Worker threads; their number never changes a result",
         label="Threads",
         min=1,
         max=1024,

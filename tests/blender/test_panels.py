@@ -266,4 +266,4 @@ settings = bpy.context.scene.ssgi
 result = [settings.bl_rna.properties[name].description for name in ("max_distance", "max_steps", "threads")]
 """
     for text in extension.run(script, tmp_path):
-        assert "0 is without limit" in text or "0 uses as many" in text
+        assert "0 is without limit" in text or "0 takes as many" in text
