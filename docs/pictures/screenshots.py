@@ -162,13 +162,13 @@ def _save(window: bpy.types.Window, area: bpy.types.Area, name: str) -> None:
         screen = Path(folder, "screen.png")
         subprocess.run(["scrot", str(screen)], check=True)
         image = bpy.data.images.load(str(screen))
-        width, height = image.size  # this reads the file
+        image.colorspace_settings.name = "Non-Color"
+        width, height = image.size
+        pixels = np.empty(width * height * 4, np.float32)
+        image.pixels.foreach_get(pixels)
+        bpy.data.images.remove(image)
     if (width, height) != (window.width, window.height):
         raise RuntimeError("start Blender in a window that fills the screen (--window-geometry)")
-    image.colorspace_settings.name = "Non-Color"
-    pixels = np.empty(width * height * 4, np.float32)
-    image.pixels.foreach_get(pixels)
-    bpy.data.images.remove(image)
     shown = pixels.reshape(height, width, 4)[area.y : area.y + area.height, area.x : area.x + area.width, :3]
     write_png = importlib.import_module(f"{_module()}.ssgi_addon.png").write_png
     write_png(path, np.rint(shown[::-1] * 255.0).astype(np.uint8))
