@@ -135,10 +135,11 @@ def _show_only(shown: tuple[str, ...]) -> None:
     for cls in reversed(ours):
         bpy.utils.unregister_class(cls)
     for cls in ours:
-        is_shown = cls.__name__.removeprefix("SSGI_PT_") in shown
-        cls.poll = classmethod(lambda _cls, _context, is_shown=is_shown: is_shown)
         cls.bl_options = set(getattr(cls, "bl_options", ())) - {"DEFAULT_CLOSED"}
+        cls.poll = classmethod(lambda _cls, _context: False)
         bpy.utils.register_class(cls)
+        if cls.__name__.removeprefix("SSGI_PT_") in shown:
+            cls.poll = classmethod(lambda _cls, _context: True)
 
 
 def _subclasses(cls: type) -> Iterator[type]:

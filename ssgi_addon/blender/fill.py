@@ -9,7 +9,13 @@ from ..core import Fill
 from .camera import full_size
 from .cycles_passes import render_passes
 from .gbuffer import GEOMETRY_PASSES, surfaces_from_passes
-from .render_settings import borrow_denoiser, borrow_framing, borrow_passes, borrow_pixel_centers
+from .render_settings import (
+    borrow_bounces,
+    borrow_denoiser,
+    borrow_framing,
+    borrow_passes,
+    borrow_pixel_centers,
+)
 from .restore import Restorer
 from .volumes import borrow_clear_air
 
@@ -23,8 +29,9 @@ def capture_fill(
 ) -> tuple[Fill, float]:
     """Render geometry and indirect light of every fourth pixel each way, in one render.
 
-    Bounces, caustics and what else shapes the light are the scene's; clamping is off, and there is no
-    denoiser, which would clean the sum of all light alone. Volumes are left out as in a surround.
+    Bounces, caustics and what else shapes the light are the scene's, but bounces are never switched off;
+    clamping is off, and there is no denoiser, which would clean the sum of all light alone. Volumes are
+    left out as in a surround.
 
     Parameters
     ----------
@@ -50,6 +57,7 @@ def capture_fill(
     with Restorer() as restorer:
         _borrow_small_frame(restorer, scene)
         borrow_pixel_centers(restorer, scene)
+        borrow_bounces(restorer, scene)
         restorer.change(scene.cycles, samples=samples, sample_clamp_direct=0.0, sample_clamp_indirect=0.0)
         borrow_denoiser(restorer, scene, view_layer, denoiser="none")
         borrow_clear_air(restorer, view_layer)

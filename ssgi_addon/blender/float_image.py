@@ -43,20 +43,27 @@ def show_in_image(name: str, pixels: npt.ArrayLike, *, is_light: bool = True) ->
 
 
 def show_in_editor(context: bpy.types.Context, image: bpy.types.Image) -> bool:
-    """Show an image in the editor of `context`, or in an open image editor; return False if none is open."""
-    space = context.space_data
-    if space is None or space.type != "IMAGE_EDITOR":
-        windows = context.window_manager.windows if context.window_manager else ()
-        spaces = (
-            area.spaces.active
-            for window in windows
-            for area in window.screen.areas
-            if area.type == "IMAGE_EDITOR"
-        )
-        space = next(spaces, None)
-    if space is None:
+    """Show an image, as large as fits, in the editor of `context` or in another image editor that is open.
+
+    Returns
+    -------
+    bool
+        False if none is open.
+    """
+    windows = context.window_manager.windows if context.window_manager else ()
+    editors = [
+        (window, area)
+        for window in windows
+        for area in window.screen.areas
+        if area.type == "IMAGE_EDITOR" and not area.spaces.active.use_image_pin
+    ]
+    if not editors:
         return False
-    space.image = image
+    window, area = next((editor for editor in editors if editor[1] == context.area), editors[0])
+    area.spaces.active.image = image
+    region = next(region for region in area.regions if region.type == "WINDOW")
+    with context.temp_override(window=window, area=area, region=region):
+        bpy.ops.image.view_all(fit_view=True)
     return True
 
 

@@ -68,6 +68,16 @@ def test_pixel_of_a_fill_stands_for_four_of_the_frame_each_way(room, size):
     np.testing.assert_array_equal(fill.samples, 4.0)
 
 
+def test_bounces_that_are_off_in_the_scenes_own_renders_are_on_in_a_fill(room):
+    """Who takes the light from our layers switches Cycles' own off, and renders again."""
+    _, fill = fill_in(room)
+    room.cycles.diffuse_bounces = room.cycles.glossy_bounces = 0
+    _, again = fill_in(room)
+    assert fill.diffuse.max() > 0.0
+    np.testing.assert_array_equal(again.diffuse, fill.diffuse)
+    assert room.cycles.diffuse_bounces == room.cycles.glossy_bounces == 0
+
+
 def test_geometry_is_that_of_the_pixels_centres(room):
     """A point of the fill's surface lies on the frame's, where the frame has that pixel's neighbours."""
     frame, fill = fill_in(room)
