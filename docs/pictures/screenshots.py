@@ -41,27 +41,43 @@ def steps() -> Iterator[float]:
     _demo_scene()
     yield PATIENCE
     window = bpy.context.window_manager.windows[0]
-
     area = max(window.screen.areas, key=lambda area: area.width * area.height)
+    with bpy.context.temp_override(window=window, area=area):
+        bpy.ops.screen.area_split(direction="VERTICAL", factor=NARROW)
+    yield PATIENCE
+    narrow, wide = sorted(window.screen.areas, key=lambda area: area.width * area.height)[-2:]
+    yield from _panels(window, narrow)
+    yield from _image_editor(window, wide)
+    yield from _compositor(window, wide)
+
+
+def _panels(window: bpy.types.Window, area: bpy.types.Area) -> Iterator[float]:
+    area.type = "PROPERTIES"
+    for name, shown in PANELS.items():
+        _show_only(("main", *shown))
+        area.spaces.active.context = "RENDER"
+        yield PATIENCE
+        _save(window, area, name)
+
+
+def _image_editor(window: bpy.types.Window, area: bpy.types.Area) -> Iterator[float]:
     area.type = "IMAGE_EDITOR"
     area.spaces.active.show_region_ui = True
     yield PATIENCE
     _open_sidebar(area)
-    scene = window.scene
     with bpy.context.temp_override(window=window, area=area):
         bpy.ops.ssgi.preview()
     yield PATIENCE
     _save(window, area, "preview")
     for view in ("SPLIT", "ERROR"):
-        scene.ssgi.compare_view = view
+        window.scene.ssgi.compare_view = view
         with bpy.context.temp_override(window=window, area=area):
             bpy.ops.ssgi.show_comparison()
         yield PATIENCE
-        with bpy.context.temp_override(window=window, area=area, region=_region(area, "WINDOW")):
-            bpy.ops.image.view_all(fit_view=True)
-        yield PATIENCE
         _save(window, area, f"compare_{view.lower()}")
 
+
+def _compositor(window: bpy.types.Window, area: bpy.types.Area) -> Iterator[float]:
     area.type, area.ui_type = "NODE_EDITOR", "CompositorNodeTree"
     area.spaces.active.show_region_ui = True
     if hasattr(area.spaces.active, "show_region_asset_shelf"):
@@ -72,16 +88,6 @@ def steps() -> Iterator[float]:
         bpy.ops.node.view_all()
     yield PATIENCE
     _save(window, area, "compositor")
-
-    area.type = "PROPERTIES"
-    with bpy.context.temp_override(window=window, area=area):
-        bpy.ops.screen.area_split(direction="VERTICAL", factor=NARROW)
-    area = min((a for a in window.screen.areas if a.type == "PROPERTIES"), key=lambda area: area.x)
-    for name, shown in PANELS.items():
-        _show_only(("main", *shown))
-        area.spaces.active.context = "RENDER"
-        yield PATIENCE
-        _save(window, area, name)
 
 
 def _demo_scene() -> None:

@@ -28,6 +28,10 @@ class SSGI_PT_comparison(bpy.types.Panel):
     bl_region_type = "UI"
     bl_category = "SSGI"
 
+    @classmethod
+    def poll(cls, context):
+        return context.space_data.mode != "UV"
+
     def draw(self, context):
         layout, scene = self.layout, context.scene
         layout.use_property_split = True

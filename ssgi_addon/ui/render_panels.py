@@ -18,6 +18,9 @@ from .compare_panel import draw_metrics
 from .drawing import draw_cost, draw_look, draw_messages
 from .presets import SSGI_PT_presets
 
+# Of the switches beyond the frame, those that limit the others.
+_WITHOUT_COST = ("budget", "mirrors_only")
+
 
 class _RenderPanel:
     """What all panels share: their place, and the engines that have a render to add light to."""
@@ -116,19 +119,26 @@ class SSGI_PT_beyond(_SubPanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw_settings(self, layout, settings):
+        is_cycles = settings.engine == "cycles"
+        available = [name for name in BEYOND_FRAME if is_cycles or name not in CYCLES_ONLY]
         width, height = full_size(settings.id_data)
-        shares = cost_shares(settings, width * height, VIEW_SAMPLES)
+        costs = cost_shares(settings, max(1, width * height), VIEW_SAMPLES)
+        shares = {name: share for name, share in costs.items() if name in available}
         path = compare_image.result_path(settings.id_data)
         record = None if path is None else frame_record(path)
         for name in BEYOND_FRAME:
-            available = settings.engine == "cycles" or name not in CYCLES_ONLY
             row = layout.row()
-            row.active = available
+            row.active = name in available
             row.prop(settings, name)
-            draw_cost(row, shares.get(name) if available else None)
+            if name not in _WITHOUT_COST:
+                draw_cost(row, shares.get(name))
             for reason in reasons_skipped(record, name):
                 draw_messages(layout, [f"Last time skipped: {reason}"], icon="INFO")
         layout.prop(settings, "keep_world")
+        total = sum(shares.values())
+        if total > settings.budget:
+            text = f"About +{total:.0%}, more than the time budget: what brings least is left out"
+            draw_messages(layout, [text], icon="INFO")
 
 
 class SSGI_PT_compositing(_SubPanel, bpy.types.Panel):
