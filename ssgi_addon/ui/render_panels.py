@@ -47,7 +47,7 @@ class _SubPanel(_RenderPanel):
 class SSGI_PT_main(_RenderPanel, bpy.types.Panel):
     """The preset, and the buttons that render."""
 
-    bl_label = "Screen-Space Global Illumination"
+    bl_label = "Screen-Space GI"
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw_header(self, context):
