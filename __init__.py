@@ -35,9 +35,9 @@ def unregister() -> None:
 
 def _modules() -> tuple[ModuleType, ...]:
     from . import operators
-    from .ssgi_addon import panels, properties
+    from .ssgi_addon import properties, ui
 
-    return properties, operators, panels
+    return properties, operators, ui
 
 
 def _run_command(argv: Sequence[str]) -> int:

@@ -390,3 +390,8 @@ UPSAMPLED_PLANE = 2.0
 # leaves in a closed room, and by how much it moves their means, relative (measured: 0.36 and 0.006).
 DENOISED_LIGHT = 0.5
 DENOISED_LIGHT_MEAN = 0.05
+# An sRGB picture in 8 bits made linear in float32 and encoded again: far less than one of its steps
+# (measured: 1e-4 of them).
+EIGHT_BIT_STEPS = 0.01
+# Mean light of a small render that was made twice, and sums of it in float32, relative (measured: 1e-6).
+SAME_RENDER = 1e-4

@@ -15,9 +15,10 @@ from ..core.stations import LostRays, find_lost_rays
 from ..frame import CapturedFrame
 from ..surface_light import seen_from_elsewhere
 from ..view_cameras import overscan_camera, square_camera, surround_cameras
+from .capture_costs import fill_samples
 from .capture_options import CaptureOptions
 from .engines import Engine
-from .fill import capture_fill, denoised_fill, fill_pixels
+from .fill import capture_fill, denoised_fill
 from .hidden_surfaces import Take, add_hidden_surfaces
 from .kept_world import KeptWorld
 from .light_views import light_cameras
@@ -144,9 +145,8 @@ class BeyondTheFrame:
             note = "Only Cycles can render a fill: it is left out."
             self.frame = replace(self.frame, notes=(*self.frame.notes, note))
             return
-        pixels = fill_pixels(self.frame.camera.width, self.frame.camera.height)
-        # A path with all its bounces takes about twice the time of a sample of direct light
-        cost = self.render_seconds + 2.0 * pixels * self.options.fill * self.sample_seconds
+        pixels = self.frame.camera.width * self.frame.camera.height
+        cost = self.render_seconds + fill_samples(pixels, self.options.fill) * self.sample_seconds
         if cost > self.seconds_left:
             self._leave_out("fill", self._too_dear(cost))
             return

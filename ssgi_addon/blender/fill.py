@@ -13,7 +13,13 @@ from .camera import full_size
 from .cycles_passes import render_passes
 from .denoise_picture import denoise_picture
 from .gbuffer import GEOMETRY_PASSES, surfaces_from_passes
-from .render_settings import borrow_denoiser, borrow_framing, borrow_passes, borrow_pixel_centers
+from .render_settings import (
+    borrow_bounces,
+    borrow_denoiser,
+    borrow_framing,
+    borrow_passes,
+    borrow_pixel_centers,
+)
 from .restore import Restorer
 from .volumes import borrow_clear_air
 
@@ -21,7 +27,7 @@ from .volumes import borrow_clear_air
 # denoiser does more for many noisy pixels than for a few better ones, our filter does not (ADR 22).
 _STRIDE_DENOISED, _STRIDE = 2, 4
 # Samples are given for so many pixels of the frame, each way.
-_BLOCK = 4
+BLOCK = 4
 _LIGHT_PASSES = ("Diffuse Indirect", "Glossy Indirect")
 
 
@@ -30,9 +36,9 @@ def capture_fill(
 ) -> tuple[Fill, float]:
     """Render geometry and indirect light of every fourth pixel each way, in one render.
 
-    Bounces, caustics and what else shapes the light are the scene's; clamping is off. Denoise it by
-    `denoised_fill`: within the render, the denoiser would clean the sum of all light alone. Volumes are left
-    out as in a surround.
+    Bounces, caustics and what else shapes the light are the scene's, but bounces are never switched off;
+    clamping is off. Denoise it by `denoised_fill`: within the render, the denoiser would clean the sum of all
+    light alone. Volumes are left out as in a surround.
 
     Parameters
     ----------
@@ -58,11 +64,12 @@ def capture_fill(
     SSGIError
         If the render was cancelled.
     """
-    stride = _STRIDE_DENOISED if is_fine and samples >= (_BLOCK // _STRIDE_DENOISED) ** 2 else _STRIDE
-    samples = round(samples * (stride / _BLOCK) ** 2)
+    stride = _STRIDE_DENOISED if is_fine and samples >= (BLOCK // _STRIDE_DENOISED) ** 2 else _STRIDE
+    samples = round(samples * (stride / BLOCK) ** 2)
     with Restorer() as restorer:
         _borrow_small_frame(restorer, scene, stride)
         borrow_pixel_centers(restorer, scene)
+        borrow_bounces(restorer, scene)
         restorer.change(scene.cycles, samples=samples, sample_clamp_direct=0.0, sample_clamp_indirect=0.0)
         borrow_denoiser(restorer, scene, view_layer, denoiser="none")
         borrow_clear_air(restorer, view_layer)
@@ -79,11 +86,6 @@ def capture_fill(
             samples=float(samples),
         )
     return fill, rendered.seconds
-
-
-def fill_pixels(width: int, height: int) -> float:
-    """Return how many light paths one sample of a fill takes for a frame of that size."""
-    return width * height / _BLOCK**2
 
 
 def denoised_fill(scene: bpy.types.Scene, fill: Fill, *, has_glossy: bool = True) -> Fill:

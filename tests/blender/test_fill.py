@@ -112,6 +112,16 @@ def test_light_that_is_not_split_is_what_surfaces_show(room):
     np.testing.assert_allclose(frame.gbuffer.diffuse_source, shown, rtol=PASS_SUM_RELATIVE)
 
 
+def test_bounces_that_are_off_in_the_scenes_own_renders_are_on_in_a_fill(room):
+    """Who takes the light from our layers switches Cycles' own off, and renders again."""
+    _, fill = fill_in(room)
+    room.cycles.diffuse_bounces = room.cycles.glossy_bounces = 0
+    _, again = fill_in(room)
+    assert fill.diffuse.max() > 0.0
+    np.testing.assert_array_equal(again.diffuse, fill.diffuse)
+    assert room.cycles.diffuse_bounces == room.cycles.glossy_bounces == 0
+
+
 def test_geometry_is_that_of_the_pixels_centres(room):
     """A point of the fill's surface lies on the frame's, where the frame has that pixel's neighbours."""
     frame, fill = fill_in(room)
