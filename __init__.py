@@ -35,9 +35,10 @@ def unregister() -> None:
 
 def _modules() -> tuple[ModuleType, ...]:
     from . import operators
-    from .ssgi_addon import panels, properties
+    from .ssgi_addon import panels, properties, render_panel
+    from .ssgi_addon.blender import in_render
 
-    return properties, operators, panels
+    return properties, operators, panels, render_panel, in_render
 
 
 def _run_command(argv: Sequence[str]) -> int:
