@@ -2,8 +2,9 @@
 """The passes that a render with our light takes and gives, declared in a scene while it is switched on.
 
 Blender decides before a render which passes it has, and artists link the sockets that stand for them in the
-compositor. So what is declared stays in the file from the moment the light is switched on until it is switched
-off. Each view layer carries a note of what was added to it, which goes along when the layer is copied.
+compositor. So what is declared stays in the file from the moment the light is switched on until it is
+switched off, also while the extension is disabled. Each view layer carries a note of what was added to it,
+which goes along when the layer is copied.
 """
 
 from __future__ import annotations

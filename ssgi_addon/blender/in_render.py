@@ -4,8 +4,8 @@
 Before each frame a handler puts a method of ours before the one by which Cycles renders a view layer, and
 after the render it takes it away again: with the switch off nothing here has a part in any render. The method
 lets Cycles render, reads the passes that it left in memory, and fills those that the compositor, files and
-windows get. What the render needs otherwise than the scene has it is set in the copy of the scene that Blender
-made for this render, so that the scene itself never changes.
+windows get. What the render needs otherwise than the scene has it is set in the copy of the scene that
+Blender made for this render, so that the scene itself never changes.
 """
 
 from __future__ import annotations
@@ -56,7 +56,10 @@ FloatArray = NDArray[np.float32]
 Render = Callable[[Any, bpy.types.Depsgraph], None]
 
 
-class _Cancelled(Exception):
+_FAILED = "The render is without screen-space light."
+
+
+class _StoppedError(Exception):
     """The user has stopped the render."""
 
 
@@ -159,16 +162,20 @@ def _render(
     depsgraph: bpy.types.Depsgraph,
     roughness: dict[tuple[str, str], RoughnessSource],
 ) -> None:
-    """Render a view layer through Cycles and add our light; whatever fails leaves Cycles' picture."""
+    """Render a view layer through Cycles and add our light; whatever fails leaves Cycles' picture.
+
+    Where we refuse, Cycles renders with all of its own light, and a warning says so. A failure after that
+    leaves a picture without indirect light: as an error it keeps Blender from saving it and from going on.
+    """
     scene = depsgraph.scene
     if engine.is_preview or not is_on(scene):
         original(engine, depsgraph)
         return
     try:
         plan = _plan(engine, depsgraph, roughness)
-    except Exception as error:
+    except SSGIError as error:
         original(engine, depsgraph)
-        _report(engine, error)
+        engine.report({"WARNING"}, f"{_FAILED} {error}")
         return
     start = time.perf_counter()
     with _borrowed_copy(engine, depsgraph, plan):
@@ -176,19 +183,13 @@ def _render(
     try:
         if not engine.test_break():
             _add_light(engine, scene, plan, time.perf_counter() - start)
-    except _Cancelled:
+    except _StoppedError:
         pass
-    except Exception as error:
-        _report(engine, error)
-
-
-def _report(engine: bpy.types.RenderEngine, error: Exception) -> None:
-    """Tell what went wrong; Blender would print it, and tell nobody."""
-    text = str(error)
-    if not isinstance(error, SSGIError):
-        traceback.print_exception(error)
-        text = f"{type(error).__name__}: {error} (see the console)"
-    engine.report({"ERROR"}, f"The render is without screen-space light. {text}")
+    except SSGIError as error:
+        engine.report({"ERROR"}, f"{_FAILED} {error}")
+    except Exception as error:  # Blender would print it, and tell nobody
+        traceback.print_exc()
+        engine.report({"ERROR"}, f"{_FAILED} {type(error).__name__}: {error} (see the console)")
 
 
 def _plan(
@@ -278,7 +279,7 @@ def _progress(engine: bpy.types.RenderEngine) -> Callable[[float, str], None]:
     def report(fraction: float, text: str) -> None:
         nonlocal shown
         if engine.test_break():
-            raise _Cancelled
+            raise _StoppedError
         engine.update_progress(fraction)
         if text != shown:
             shown = text
