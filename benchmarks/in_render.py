@@ -3,9 +3,9 @@
 
 Two renders in turn, several rounds: Cycles alone, without diffuse and glossy bounces and with the passes that
 the scene has, and the same with our light. What is not the passes' is the overhead, twice: as the difference
-of the two renders, in which Cycles' own noise is too, and as the time that our method of the render takes around
-Cycles and the passes. Seconds are wall time and processor time of all threads; the latter hardly depends on what
-else the machine does. Run from the repository's root:
+of the two renders, where the machine's moods count, too, and as the time that our method of the render takes
+around Cycles and the passes. Seconds are wall time and processor time of all threads; the latter depends less
+on what else the machine does. Run from the repository's root:
 
     python -m benchmarks.in_render [--scene classroom] [--size 1920x1080] [--samples 16] [--rounds 1]
         [--preset balanced] [--output FILE.json]
@@ -21,14 +21,10 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from benchmarks import record
-from benchmarks.inputs import SCENES, parse_size
-from ssgi_addon.bpy_module import require_bpy
-
-require_bpy()
-
 import bpy
 
+from benchmarks import record
+from benchmarks.inputs import SCENES, parse_size
 from ssgi_addon import properties
 from ssgi_addon.blender import in_render
 from ssgi_addon.blender.cycles_passes import cycles_engine

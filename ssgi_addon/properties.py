@@ -65,7 +65,7 @@ def apply_preset(group: bpy.types.PropertyGroup, name: str) -> None:
             target = group
             for owner in owners:
                 target = getattr(target, owner)
-            setattr(target, attribute, value)
+            setattr(target, attribute, 0 if value in OPEN_ENDED else value)
 
 
 def _property(item: Field[Any], default: Any) -> Any:
