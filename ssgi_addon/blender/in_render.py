@@ -50,13 +50,9 @@ from .engines import engine_named
 from .render_settings import LARGEST_TILE_PX
 from .restore import Restorer
 from .roughness import RoughnessSource, borrow_roughness
-from .steady_normals import steady_normals
 
 FloatArray = NDArray[np.float32]
 Render = Callable[[Any, bpy.types.Depsgraph], None]
-
-
-_FAILED = "The render is without screen-space light."
 
 
 class _StoppedError(Exception):
@@ -173,9 +169,9 @@ def _render(
         return
     try:
         plan = _plan(engine, depsgraph, roughness)
-    except SSGIError as error:
+    except Exception as error:
         original(engine, depsgraph)
-        engine.report({"WARNING"}, f"{_FAILED} {error}")
+        _report(engine, "WARNING", error)
         return
     start = time.perf_counter()
     with _borrowed_copy(engine, depsgraph, plan):
@@ -185,11 +181,17 @@ def _render(
             _add_light(engine, scene, plan, time.perf_counter() - start)
     except _StoppedError:
         pass
-    except SSGIError as error:
-        engine.report({"ERROR"}, f"{_FAILED} {error}")
-    except Exception as error:  # Blender would print it, and tell nobody
-        traceback.print_exc()
-        engine.report({"ERROR"}, f"{_FAILED} {type(error).__name__}: {error} (see the console)")
+    except Exception as error:
+        _report(engine, "ERROR", error)
+
+
+def _report(engine: bpy.types.RenderEngine, level: str, error: Exception) -> None:
+    """Tell what went wrong; Blender would print it, and tell nobody."""
+    text = str(error)
+    if not isinstance(error, SSGIError):
+        traceback.print_exception(error)
+        text = f"{type(error).__name__}: {error} (see the console)"
+    engine.report({level}, f"The render is without screen-space light. {text}")
 
 
 def _plan(
@@ -205,7 +207,9 @@ def _plan(
             f"{width} x {height} pixels are more than Cycles hands over in one piece: "
             f"render at most {LARGEST_TILE_PX} pixels a side."
         )
-    source = roughness[scene.name, layer_name]
+    source = roughness.get((scene.name, layer_name))
+    if source is None:
+        raise SSGIError(f"View layer '{layer_name}' came in the middle of a render: start it again.")
     return _Plan(
         layer_name=layer_name,
         passes=tuple(dict.fromkeys((*needed_passes(scene), *source.passes))),
@@ -244,7 +248,6 @@ def _add_light(
     layers = read_result(engine, scene, plan.layer_name, plan.passes)
     if not plan.replaces_gi:
         layers["Combined"] = _without_bounces(layers)
-    layers["Normal"] = steady_normals(layers["Normal"], layers["Depth"])
     rendered = RenderedPasses(layers, plan.camera, render_seconds)
     frame = assemble_frame(engine_named("cycles"), None, plan.roughness.read(layers), rendered)
     picture = compute_picture(frame, plan.settings, _progress(engine))

@@ -98,8 +98,7 @@ def added(passes):
 # --- The picture ------------------------------------------------------------------------------------------
 
 
-def test_picture_is_that_of_a_capture_with_as_many_samples(room, seen, monkeypatch):
-    monkeypatch.setattr(in_render, "steady_normals", lambda normal, depth: normal)
+def test_picture_is_that_of_a_capture_with_as_many_samples(room, seen):
     room.ssgi.enabled = True
     render(room)
     options = CaptureOptions(samples=2, denoiser="none", own_geometry=False, keep_passes=False)
