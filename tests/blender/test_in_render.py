@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import threading
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +13,7 @@ bpy = pytest.importorskip("bpy")
 
 import addon_utils
 
-from ssgi_addon import properties
+from ssgi_addon import properties, render_panel
 from ssgi_addon.blender import compat, in_render
 from ssgi_addon.blender.build import add_box, new_material
 from ssgi_addon.blender.capture import CaptureOptions, capture_frame
@@ -386,16 +387,45 @@ def test_output_of_a_user_with_the_same_name_is_not_filled(room):
 
 
 def test_stopped_render_ends_without_a_message(room, seen, monkeypatch):
-    def stop(_engine):
-        def progress(_fraction, _text):
-            raise in_render._StoppedError
+    """Escape in the middle of our passes: no output is filled, and no thread goes on."""
+    moments = []
 
-        return progress
+    def compute(*arguments):
+        moments.append("passes")
+        return compute_picture(*arguments)
 
-    monkeypatch.setattr(in_render, "_progress", stop)
+    monkeypatch.setattr(in_render, "compute_picture", compute)
+    monkeypatch.setattr(cycles_engine(), "test_break", lambda engine: bool(moments), raising=False)
     room.ssgi.enabled = True
+    before = fingerprint()
     render(room)
+    assert moments
     assert not seen
+    assert not [thread.name for thread in threading.enumerate() if thread.name.startswith("ssgi")]
+    assert changes(before, fingerprint()) == {}
+
+
+@pytest.mark.parametrize("engine", ["CYCLES", compat.eevee_engine_id()])
+def test_panel_says_where_the_switch_does_nothing(room, engine):
+    room.render.engine = engine
+    room.ssgi.enabled = True
+    texts, columns = [], []
+
+    class Layout(SimpleNamespace):
+        def label(self, text, icon):
+            texts.append(text)
+
+        def prop(self, data, name):
+            assert hasattr(data, name)
+
+        def column(self):
+            columns.append(Layout())
+            return columns[-1]
+
+    panel = SimpleNamespace(layout=Layout())
+    render_panel.SSGI_PT_in_render.draw(panel, SimpleNamespace(scene=room))
+    assert columns[0].active == (engine == "CYCLES")
+    assert bool(texts) == (engine != "CYCLES")
 
 
 # --- What stays behind ------------------------------------------------------------------------------------
