@@ -388,14 +388,20 @@ def test_output_of_a_user_with_the_same_name_is_not_filled(room):
 
 def test_stopped_render_ends_without_a_message(room, seen, monkeypatch):
     """Escape in the middle of our passes: no output is filled, and no thread goes on."""
-    moments = []
+    moments, progress_of = [], in_render._progress
 
-    def compute(*arguments):
-        moments.append("passes")
-        return compute_picture(*arguments)
+    def stopped(engine):
+        progress = progress_of(engine)
 
-    monkeypatch.setattr(in_render, "compute_picture", compute)
-    monkeypatch.setattr(cycles_engine(), "test_break", lambda engine: bool(moments), raising=False)
+        def report(fraction, text):
+            progress(fraction, text)
+            if fraction > 0.2:
+                moments.append(fraction)
+                raise in_render._StoppedError
+
+        return report
+
+    monkeypatch.setattr(in_render, "_progress", stopped)
     room.ssgi.enabled = True
     before = fingerprint()
     render(room)
