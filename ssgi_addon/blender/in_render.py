@@ -26,6 +26,7 @@ from ..core import Camera, Settings
 from ..errors import SSGIError
 from ..properties import core_settings
 from ..results import Picture, compute_picture
+from . import compat
 from .camera import camera_of_render, check_camera, full_size
 from .capture import assemble_frame
 from .cycles_passes import (
@@ -64,6 +65,7 @@ class _Hook:
 
     def __init__(self) -> None:
         self._restorer: Restorer | None = None
+        self.edits_materials = False
 
     def install(self, scenes: list[bpy.types.Scene]) -> None:
         """Stand before Cycles, and let the passes of `scenes` tell the roughness."""
@@ -81,6 +83,9 @@ class _Hook:
             def render(self: Any, depsgraph: bpy.types.Depsgraph) -> None:
                 _render(original, self, depsgraph, roughness)
 
+            self.edits_materials = not all(
+                compat.has_roughness_pass(layer) for scene in scenes for layer in scene.view_layers
+            )
             engine_class.render = render
             restorer.callback(setattr, engine_class, "render", original)
             self._restorer = restorer.pop_all()
@@ -115,12 +120,18 @@ def _after_render(*_: object) -> None:
     _HOOK.remove()
 
 
-# A file that is saved while a render goes on must hold none of the nodes that it borrows.
+@persistent
+def _before_save(*_: object) -> None:
+    # The file must hold none of the nodes that a render borrows; the next frame borrows them anew
+    if _HOOK.edits_materials:
+        _HOOK.remove()
+
+
 _HANDLERS = {
     "render_pre": _before_frame,
     "render_complete": _after_render,
     "render_cancel": _after_render,
-    "save_pre": _after_render,
+    "save_pre": _before_save,
     "load_pre": _after_render,
 }
 

@@ -15,7 +15,7 @@ import addon_utils
 
 from ssgi_addon import properties, render_panel
 from ssgi_addon.blender import compat, in_render
-from ssgi_addon.blender.build import add_box, new_material
+from ssgi_addon.blender.build import add_box, new_material, node_tree
 from ssgi_addon.blender.capture import CaptureOptions, capture_frame
 from ssgi_addon.blender.cycles_passes import cycles_engine, write_result
 from ssgi_addon.blender.declared_passes import DIFFUSE, GLOSSY, OUTPUTS, PICTURE, VISIBILITY
@@ -492,6 +492,29 @@ def test_unregistering_in_the_middle_of_a_render_puts_cycles_back(room):
     in_render.unregister()
     assert cycles_engine().render is original
     in_render.register()
+
+
+def test_file_that_is_saved_during_a_render_holds_the_scene_alone(room, seen, tmp_path):
+    """As a script may save it, after each frame."""
+
+    def save(*_):
+        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "saved.blend"), copy=True)
+
+    room.ssgi.enabled = True
+    bpy.app.handlers.render_post.append(save)
+    try:
+        room.frame_start, room.frame_end = 1, 2
+        room.render.filepath = str(tmp_path / "frame_")
+        render(room, animation=True)
+    finally:
+        bpy.app.handlers.render_post.remove(save)
+    assert seen
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "saved.blend"))
+    (scene,) = (scene for scene in bpy.data.scenes if scene.ssgi.enabled)
+    assert {aov.name for aov in scene.view_layers[0].aovs} == set(OUTPUTS)
+    kinds = {node.bl_idname for material in bpy.data.materials for node in node_tree(material).nodes}
+    assert "ShaderNodeBsdfPrincipled" in kinds
+    assert "ShaderNodeOutputAOV" not in kinds
 
 
 def test_cycles_that_was_switched_off_and_on_renders_with_the_light(room, seen):
