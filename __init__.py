@@ -36,8 +36,9 @@ def unregister() -> None:
 def _modules() -> tuple[ModuleType, ...]:
     from . import operators
     from .ssgi_addon import properties, ui
+    from .ssgi_addon.blender import in_render
 
-    return properties, operators, ui
+    return properties, operators, ui, in_render
 
 
 def _run_command(argv: Sequence[str]) -> int:

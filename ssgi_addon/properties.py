@@ -12,6 +12,7 @@ import bpy
 import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
+from .blender.declared_passes import declare_passes
 from .core.settings import PRESETS, Settings
 from .job_options import DEFAULT_PRESET, ENGINE_LABELS, ENGINES, PRESET_HELP, JobOptions, rendered
 from .view_properties import CompareProperties, LookProperties, redraw_comparison
@@ -68,7 +69,7 @@ def apply_preset(group: bpy.types.PropertyGroup, name: str) -> None:
             target = group
             for owner in owners:
                 target = getattr(target, owner)
-            setattr(target, attribute, value)
+            setattr(target, attribute, 0 if value in OPEN_ENDED else value)
 
 
 def _property(item: Field[Any], default: Any) -> Any:
@@ -140,6 +141,10 @@ def _follow_engine(group: bpy.types.PropertyGroup, _context: bpy.types.Context) 
             setattr(group, name, value)
 
 
+def _declare(group: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
+    declare_passes(group.id_data)
+
+
 class SSGI_PG_diffuse(bpy.types.PropertyGroup):
     """Diffuse indirect light."""
 
@@ -171,8 +176,27 @@ class SSGI_PG_settings(
 
     enabled: BoolProperty(
         name="In Renders",
-        description="Add the indirect light to every render of this scene",
+        description="Add the indirect light to every Cycles render of this scene, and declare passes for it",
         default=False,
+        options=set(),
+        update=_declare,
+    )
+    replace_combined: BoolProperty(
+        name="Replace Combined",
+        description="Let the picture of the render itself show the light; else only the SSGI passes hold it",
+        default=True,
+        options=set(),
+    )
+    replace_gi: BoolProperty(
+        name="Replace GI",
+        description="Render without Cycles' diffuse and glossy bounces. Else they are taken out of what our "
+        "light is added to, and the Combined pass shows them unless it is replaced",
+        default=True,
+        options=set(),
+        update=_declare,
+    )
+    declared: StringProperty(
+        name="Declared", description="What was switched on for renders with the light", options={"HIDDEN"}
     )
     preset: EnumProperty(
         name="Preset",
@@ -214,16 +238,26 @@ class SSGI_PG_settings(
     )
 
 
-CLASSES = (SSGI_PG_diffuse, SSGI_PG_reflections, SSGI_PG_settings)
+class SSGI_PG_view_layer(bpy.types.PropertyGroup):
+    """What was added to a view layer."""
+
+    declared: StringProperty(
+        name="Declared", description="Passes that were added for renders with the light", options={"HIDDEN"}
+    )
+
+
+CLASSES = (SSGI_PG_diffuse, SSGI_PG_reflections, SSGI_PG_settings, SSGI_PG_view_layer)
 
 
 def register() -> None:
     for cls in CLASSES:
         bpy.utils.register_class(cls)
     bpy.types.Scene.ssgi = PointerProperty(type=SSGI_PG_settings)
+    bpy.types.ViewLayer.ssgi = PointerProperty(type=SSGI_PG_view_layer)
 
 
 def unregister() -> None:
+    del bpy.types.ViewLayer.ssgi
     del bpy.types.Scene.ssgi
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

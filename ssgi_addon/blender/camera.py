@@ -66,8 +66,7 @@ def camera_of_render(engine: bpy.types.RenderEngine | None, depsgraph: bpy.types
     Returns
     -------
     Camera
-        Of the rendered region: with crop to border its optical axis lies off the image's centre
-        accordingly.
+        Of the rendered region: with a border its optical axis lies off the image's centre accordingly.
 
     Raises
     ------
@@ -114,10 +113,13 @@ def full_size(scene: bpy.types.Scene) -> tuple[int, int]:
 
 
 def rendered_region(scene: bpy.types.Scene) -> tuple[int, int, int, int]:
-    """Left, top, width and height in pixels of the part of the frame that a render returns."""
+    """Left, top, width and height in pixels of the part of the frame that an engine renders.
+
+    Without crop to border Blender puts that part back into an empty frame, once the engine has finished.
+    """
     render = scene.render
     width, height = full_size(scene)
-    if not (render.use_border and render.use_crop_to_border):
+    if not render.use_border:
         return 0, 0, width, height
     # Blender multiplies in single precision and cuts off.
     edges_x = np.array((render.border_min_x, render.border_max_x), dtype=np.float32) * np.float32(width)

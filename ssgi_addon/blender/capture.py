@@ -93,7 +93,7 @@ def capture_frame(
             light, is_denoised = _capture_light(engine, scene, view_layer, options)
         else:
             light, roughness, is_denoised = _capture_together(engine, scene, view_layer, options)
-        frame = _assemble(engine, geometry, roughness, light, is_denoised, notes)
+        frame = assemble_frame(engine, geometry, roughness, light, is_denoised, notes)
         frame = replace(frame, environment=_environment(world, frame.camera))
         if kept is not None:
             kept.look_at(scene, view_layer)
@@ -169,14 +169,15 @@ def _environment(radiance: FloatArray | None, camera: Camera) -> Environment | N
     return Environment.equirectangular(radiance, camera.world_from_view)
 
 
-def _assemble(
+def assemble_frame(
     engine: Engine,
     geometry: RenderedPasses | None,
     roughness: FloatArray,
     light: RenderedPasses,
-    is_denoised: bool,
-    notes: tuple[str, ...],
+    is_denoised: bool = False,
+    notes: tuple[str, ...] = (),
 ) -> CapturedFrame:
+    """Make a frame of what an engine rendered; without `geometry` the light has depth and normals, too."""
     layers, seconds = dict(light.layers), {"light": light.seconds}
     if geometry is not None:
         layers |= {name: geometry.layers[name] for name in _GEOMETRY}

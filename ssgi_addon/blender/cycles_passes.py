@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import time
 import traceback
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -86,6 +86,11 @@ def cycles_engine() -> type[bpy.types.RenderEngine]:
     raise SSGIError("The Cycles render engine is not available: enable it in Preferences > Add-ons.")
 
 
+def is_capturing() -> bool:
+    """Whether the render that goes on is one of `render_passes`."""
+    return getattr(cycles_engine().render, "is_capture", False)
+
+
 def render_passes(
     scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, names: Iterable[str]
 ) -> RenderedPasses:
@@ -115,7 +120,7 @@ def render_passes(
         is_ours = depsgraph.scene.name == scene.name and depsgraph.view_layer.name == view_layer.name
         if is_ours and not engine.test_break():
             rendered.camera = camera_of_render(engine, depsgraph)
-            rendered.layers = _read_result(engine, scene, view_layer.name, names)
+            rendered.layers = read_result(engine, scene, view_layer.name, names)
 
     start = time.perf_counter()
     _tag_settings(scene)
@@ -155,6 +160,7 @@ def _after_render(
         finally:
             del self, depsgraph
 
+    render.is_capture = True
     engine_class.render = render
     try:
         yield
@@ -164,9 +170,10 @@ def _after_render(
         raise failures[0]
 
 
-def _read_result(
+def read_result(
     engine: bpy.types.RenderEngine, scene: bpy.types.Scene, layer_name: str, names: tuple[str, ...]
 ) -> dict[str, NDArray[np.float32]]:
+    """Return passes of a view layer that `engine` has just rendered, as in `RenderedPasses.layers`."""
     result = engine.get_result()
     width, height = result.resolution_x, result.resolution_y
     if (width, height) != rendered_region(scene)[2:]:
@@ -175,13 +182,62 @@ def _read_result(
     for render_pass in result.layers[layer_name].passes:
         name = LONG_NAMES.get(render_pass.name, render_pass.name)
         if name in names:
-            pixels = np.empty(width * height * render_pass.channels, dtype=np.float32)
-            render_pass.rect.foreach_get(pixels)
-            layers[name] = _top_first(pixels.reshape(height, width, render_pass.channels))
+            layers[name] = _top_first(_pixels(render_pass, height, width))
     missing = [name for name in names if name not in layers]
     if missing:
         raise RuntimeError(f"Cycles returned no pass {', '.join(missing)}")
     return layers
+
+
+def read_alpha(engine: bpy.types.RenderEngine, layer_name: str) -> NDArray[np.float32]:
+    """Return the opacity (H, W) of a view layer's picture, top row first."""
+    result = engine.get_result()
+    combined = result.layers[layer_name].passes["Combined"]
+    return np.ascontiguousarray(_pixels(combined, result.resolution_y, result.resolution_x)[::-1, :, 3])
+
+
+def write_result(
+    engine: bpy.types.RenderEngine, layer_name: str, images: Mapping[str, NDArray[np.float32]]
+) -> None:
+    """Fill passes that `engine` has rendered, before Blender takes them from it.
+
+    Parameters
+    ----------
+    engine
+        Inside its ``render`` method.
+    layer_name
+        Of the view layer.
+    images
+        By the names of the passes, top row first: values ``(H, W)``, colours with alpha ``(H, W, 4)``, or
+        without, ``(H, W, 3)``, where the pass keeps its own.
+
+    Raises
+    ------
+    SSGIError
+        If a pass is missing or has another number of channels, since a user's own has the name.
+    """
+    passes = {render_pass.name: render_pass for render_pass in engine.get_result().layers[layer_name].passes}
+    for name, image in images.items():
+        channels = 1 if image.ndim == 2 else 4
+        if name not in passes or passes[name].channels != channels:
+            kind = "value" if channels == 1 else "color"
+            raise SSGIError(
+                f"View layer '{layer_name}' has no {kind} output '{name}' to fill: rename other outputs of "
+                "that name in View Layer properties > Passes > Shader AOV, and switch In Renders off and on."
+            )
+    for name, image in images.items():
+        height, width = image.shape[:2]
+        planes = _pixels(passes[name], height, width)
+        bottom_first = image[::-1].reshape(height, width, -1)
+        planes[..., : bottom_first.shape[2]] = bottom_first
+        passes[name].rect.foreach_set(planes.reshape(-1))
+
+
+def _pixels(render_pass: bpy.types.RenderPass, height: int, width: int) -> NDArray[np.float32]:
+    """Return a pass as Blender has it, bottom row first, (H, W, channels)."""
+    pixels = np.empty(width * height * render_pass.channels, dtype=np.float32)
+    render_pass.rect.foreach_get(pixels)
+    return pixels.reshape(height, width, render_pass.channels)
 
 
 def _top_first(pixels: NDArray[np.float32]) -> NDArray[np.float32]:

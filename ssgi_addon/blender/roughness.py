@@ -25,6 +25,12 @@ FloatArray = NDArray[np.float32]
 FULLY_ROUGH = np.float32(1.0)
 # What Cycles shades objects without a material with, where that is glossy at all.
 DEFAULT_SURFACE = np.float32(0.5)
+# The settings of a view layer by which Cycles' denoising passes tell the roughness of the first hit.
+FIRST_HIT = {
+    "denoising_store_passes": True,
+    "denoising_pass_follow_reflections": False,
+    "denoising_pass_use_albedo_roughness_weighting": False,
+}
 # Below this share of glossy light the roughness does not matter, and its division means nothing.
 _LEAST_GLOSSY = 1e-5
 
@@ -55,12 +61,7 @@ def borrow_roughness(restorer: Restorer, view_layer: bpy.types.ViewLayer) -> Rou
 
 def borrow_denoising_roughness(restorer: Restorer, view_layer: bpy.types.ViewLayer) -> RoughnessSource:
     """Read the roughness from Cycles' denoising passes of the first hit (Blender 5.2 and later)."""
-    restorer.change(
-        view_layer.cycles,
-        denoising_store_passes=True,
-        denoising_pass_follow_reflections=False,
-        denoising_pass_use_albedo_roughness_weighting=False,
-    )
+    restorer.change(view_layer.cycles, **FIRST_HIT)
     restorer.change(view_layer, use_pass_diffuse_color=True, use_pass_glossy_color=True)
     return RoughnessSource(("Denoising Roughness", "Diffuse Color", "Glossy Color"), _from_denoising_passes)
 

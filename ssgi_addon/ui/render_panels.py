@@ -10,6 +10,7 @@ import bpy
 from ..blender import compare_image, compositor
 from ..blender.camera import camera_obstacle, full_size
 from ..blender.capture_costs import cost_shares
+from ..blender.cycles_passes import CYCLES
 from ..blender.job import VIEW_SAMPLES
 from ..core.settings import DiffuseSettings, ReflectionSettings, Settings
 from ..job_options import BEYOND_FRAME, CYCLES_ONLY
@@ -63,12 +64,25 @@ class SSGI_PT_main(_RenderPanel, bpy.types.Panel):
         obstacle = camera_obstacle(scene)
         if obstacle:
             draw_messages(layout, [obstacle])
-        if settings.enabled and scene.render.engine != "CYCLES":
+        if settings.enabled and scene.render.engine != CYCLES:
             draw_messages(layout, ["Only Cycles' own renders get the light by themselves: use the button"])
         layout.prop(settings, "preset")
         layout.prop(settings, "engine")
         layout.operator("ssgi.render", icon="RENDER_STILL")
         layout.operator("ssgi.preview", icon="IMAGE_DATA")
+
+
+class SSGI_PT_in_render(_SubPanel, bpy.types.Panel):
+    """What the light does in the scene's own renders."""
+
+    bl_label = "In Renders"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw_settings(self, layout, settings):
+        column = layout.column()
+        column.active = settings.enabled and settings.id_data.render.engine == CYCLES
+        column.prop(settings, "replace_combined")
+        column.prop(settings, "replace_gi")
 
 
 class SSGI_PT_sampling(_SubPanel, bpy.types.Panel):
@@ -210,6 +224,7 @@ def _draw_options(layout, group, settings_type):
 
 CLASSES = (
     SSGI_PT_main,
+    SSGI_PT_in_render,
     SSGI_PT_sampling,
     SSGI_PT_diffuse,
     SSGI_PT_reflections,
