@@ -35,9 +35,9 @@ def unregister() -> None:
 
 def _modules() -> tuple[ModuleType, ...]:
     from . import operators
-    from .ssgi_addon import panels, properties
+    from .ssgi_addon import panels, preferences, progress_panel, properties
 
-    return properties, operators, panels
+    return preferences, properties, operators, progress_panel, panels
 
 
 def _run_command(argv: Sequence[str]) -> int:

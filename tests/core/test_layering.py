@@ -16,7 +16,10 @@ import ssgi_addon
 ROOT = Path(__file__).resolve().parents[2]
 
 # Of the package, these alone need Blender to be imported.
-NEEDS_BLENDER = ("ssgi_addon/blender/", "ssgi_addon/properties.py", "ssgi_addon/panels.py", "operators/")
+NEEDS_BLENDER = (
+    "ssgi_addon/blender/", "ssgi_addon/panels.py", "ssgi_addon/preferences.py",
+    "ssgi_addon/progress_panel.py", "ssgi_addon/properties.py", "operators/",
+)  # fmt: skip
 
 
 def shipped_files() -> list[str]:

@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The background process of the window: render a saved copy of the file, tell how far it is."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+import bpy
+
+from ..child import end_with_parent
+from ..files import discard_unfinished
+from ..progress import tell
+from ..render_task import read_task
+from .job import open_scene, render_frames
+
+# Steps towards less important: the window comes first where cores are few.
+_NICENESS = 5
+
+
+def work(task_path: Path) -> None:
+    """Do a task.
+
+    Raises
+    ------
+    SSGIError
+        If the copy cannot be opened or rendered, or a result cannot be written.
+    """
+    task = read_task(task_path)
+
+    def clean() -> None:
+        discard_unfinished(task.options.output, os.getpid())
+        shutil.rmtree(task.blend.parent, ignore_errors=True)
+
+    end_with_parent(clean)
+    if hasattr(os, "nice"):
+        os.nice(_NICENESS)
+    tell(0.0, "Opening")
+    open_scene(task.blend)
+    scene = bpy.data.scenes[task.scene]
+    bpy.context.window.scene = scene
+    bpy.context.window.view_layer = scene.view_layers[task.view_layer]
+    render_frames(scene, task.options, tell)
