@@ -29,7 +29,7 @@ class SSGI_OT_render(bpy.types.Operator):
 
     animation: BoolProperty(
         name="Animation",
-        description="Render the scene's frame range. Without Overwrite, frames that have a result are skipped",
+        description="Render the scene's frame range. Without Overwrite, those that have a result are skipped",
         options={"SKIP_SAVE"},
     )
 

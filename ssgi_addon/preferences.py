@@ -17,16 +17,16 @@ class SSGI_AP_preferences(bpy.types.AddonPreferences):
 
     threads: IntProperty(
         name="Threads",
-        description="Most threads that a render uses where the scene does not say how many; 0 uses all. Never "
-        "changes a result",
+        description="Most threads that a render uses where the scene does not say how many; 0 uses all. "
+        "Never changes a result",
         min=0,
         max=1024,
         default=0,
     )
     cache_folder: StringProperty(
         name="Cache Folder",
-        description="Where a render in the background keeps the copy of the file, as long as it runs. Empty: the "
-        "extension's own folder among the user's files",
+        description="Where a render in the background keeps the copy of the file, as long as it runs. Empty: "
+        "the extension's own folder among the user's files",
         subtype="DIR_PATH",
         default="",
     )

@@ -136,9 +136,7 @@ def blender_options(threads: int | None) -> list[str]:
     Scripts run only if they may run here: where they were allowed for this one file alone, they do not.
     """
     preferences = bpy.context.preferences
-    is_allowed = preferences.filepaths.use_scripts_auto_execute or _was_started_with(
-        "-y", "--enable-autoexec"
-    )
+    is_allowed = preferences.filepaths.use_scripts_auto_execute or _was_started_with_scripts()
     is_allowed = is_allowed and not bpy.app.autoexec_fail
     options = ["-noaudio", "--enable-autoexec" if is_allowed else "--disable-autoexec"]
     # Also those that are enabled for this session alone
@@ -150,8 +148,8 @@ def blender_options(threads: int | None) -> list[str]:
     return options
 
 
-def _was_started_with(*arguments: str) -> bool:
-    return not set(arguments).isdisjoint(sys.argv)
+def _was_started_with_scripts() -> bool:
+    return not {"-y", "--enable-autoexec"}.isdisjoint(sys.argv)
 
 
 def _refuse_unsaved_images() -> None:
@@ -159,8 +157,8 @@ def _refuse_unsaved_images() -> None:
     unsaved = [image.name_full for image in bpy.data.images if image.is_dirty and image.source != "VIEWER"]
     if unsaved:
         raise SSGIError(
-            f"Images with unsaved changes cannot be rendered in the background: {_listed(unsaved)}. Save or pack "
-            "them in the Image Editor (menu Image)"
+            f"Images with unsaved changes cannot be rendered in the background: {_listed(unsaved)}. "
+            "Save or pack them in the Image Editor (menu Image)"
         )
 
 

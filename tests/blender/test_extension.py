@@ -125,6 +125,7 @@ class Layout:
         getattr(data, name)
     def operator(self, name, **_):
         getattr(bpy.ops.ssgi, name.partition(".")[2]).get_rna_type()
+        return type("Properties", (), {})()
     def label(self, **_): pass
     def column(self, **_): return self
     row = column
