@@ -88,7 +88,7 @@ class SSGI_OT_render(bpy.types.Operator):
         render = background.running()
         if render is None or (event.type == "ESC" and event.value == "PRESS"):
             self.cancel(context)
-            self.report({"INFO"}, "Cancelled: earlier results are as they were")
+            self.report({"INFO"}, "Cancelled: results of finished frames stay, others are as they were")
             return {"CANCELLED"}
         if event.type != "TIMER":
             return {"PASS_THROUGH"}
@@ -101,7 +101,7 @@ class SSGI_OT_render(bpy.types.Operator):
         failure = render.failure()
         self.cancel(context)
         if failure is not None:
-            self.report({"ERROR"}, f"Nothing rendered: {failure}")
+            self.report({"ERROR"}, f"The background render failed: {failure}")
             return {"CANCELLED"}
         return self._finish(context, render)
 
@@ -121,13 +121,14 @@ class SSGI_OT_render(bpy.types.Operator):
         return {"FINISHED"}
 
     def _show(self, context, scene: bpy.types.Scene, result: Path) -> None:
-        """Hand the result to compositor and image editor; where that is refused, the files are there."""
+        """Show the result, and hand it to the compositor; where that is refused, the files are there."""
         scene.ssgi.result = str(result)
         self.report({"INFO"}, f"Saved {result}")
+        viewer.show_result(context.window_manager, result)
+        if not scene.ssgi.add_to_compositor:
+            return
         try:
-            if scene.ssgi.add_to_compositor:
-                compositor.publish_layers(scene, result)
-            viewer.show_result(context.window_manager, result)
+            compositor.publish_layers(scene, result)
         except SSGIError as error:
             self.report({"WARNING"}, str(error))
             return
@@ -136,7 +137,7 @@ class SSGI_OT_render(bpy.types.Operator):
 
 
 class SSGI_OT_cancel_render(bpy.types.Operator):
-    """Stop the render in the background; results of earlier frames stay"""
+    """Stop the render in the background (Esc); results of finished frames stay"""
 
     bl_idname = "ssgi.cancel_render"
     bl_label = "Cancel Render"

@@ -10,7 +10,7 @@ import bpy
 from .blender import compositor
 from .core.settings import DiffuseSettings, ReflectionSettings, Settings
 from .job_options import BEYOND_FRAME, CYCLES_ONLY
-from .progress_panel import draw_render_progress
+from .progress_panel import draw_render_buttons
 
 
 class _RenderPanel:
@@ -46,9 +46,7 @@ class SSGI_PT_main(_RenderPanel, bpy.types.Panel):
         row = column.row()
         row.active = settings.engine == "cycles"
         row.prop(settings, "own_geometry")
-        layout.operator("ssgi.render", icon="RENDER_STILL")
-        layout.operator("ssgi.render", text="Render Animation", icon="RENDER_ANIMATION").animation = True
-        draw_render_progress(layout)
+        draw_render_buttons(layout)
 
 
 class SSGI_PT_beyond(_RenderPanel, bpy.types.Panel):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far a render in the background is: below the button, and in the status bar."""
+"""The buttons that render, and how far a render in the background is: below them and in the status bar."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import bpy
 from .blender import background
 
 
-def draw_render_progress(layout):
-    """Draw the progress of the running render with a button that stops it; nothing where none runs."""
+def draw_render_buttons(layout):
+    """Draw the buttons; while a render runs, its progress takes the place of the second."""
+    layout.operator("ssgi.render", icon="RENDER_STILL")
     render = background.running()
     if render is None:
-        return
-    row = layout.row(align=True)
-    row.progress(factor=render.fraction, text=f"{render.text} · {render.fraction:.0%}")
-    row.operator("ssgi.cancel_render", text="", icon="X")
+        layout.operator("ssgi.render", text="Render Animation", icon="RENDER_ANIMATION").animation = True
+    else:
+        _draw_progress(layout, render)
 
 
 def redraw(context):
@@ -24,12 +24,21 @@ def redraw(context):
         for area in window.screen.areas:
             if area.type == "PROPERTIES":
                 area.tag_redraw()
-    # Of the status bar, which is no area of a screen, this alone is the way
-    context.workspace.status_text_set(None)
+    # The status bar is no area of a screen; this alone has it drawn again
+    if context.workspace is not None:
+        context.workspace.status_text_set(None)
+
+
+def _draw_progress(layout, render):
+    row = layout.row(align=True)
+    row.progress(factor=render.fraction, text=f"{render.text} · {render.fraction:.0%}")
+    row.operator("ssgi.cancel_render", text="", icon="X")
 
 
 def _draw_in_status_bar(self, _context):
-    draw_render_progress(self.layout)
+    render = background.running()
+    if render is not None:
+        _draw_progress(self.layout, render)
 
 
 def register():

@@ -68,7 +68,7 @@ class BackgroundRender:
         _refuse_unsaved_images()
         self.scene_uid = scene.session_uid
         self.result = shown_result(scene, options)
-        self.fraction, self.text = 0.0, "Saving a copy"
+        self.fraction, self.text = 0.0, "Starting"
         self._output = options.output
         self._folder = _new_folder(cache)
         try:
