@@ -116,11 +116,11 @@ class Child:
         self.news()
         if reason := printed_error(self._last):
             return reason
-        said = f"; its last words: {self._last[-1]}" if self._last else ""
         if status == -getattr(signal, "SIGKILL", 0):
-            return f"it was killed: memory may have run out{said}"
+            return "it was killed: memory may have run out"
         if status < 0:
-            return f"it crashed ({signal.Signals(-status).name}){said}"
+            return f"it crashed ({signal.Signals(-status).name})"
+        said = f"; its last words: {self._last[-1]}" if self._last else ""
         return f"it ended with exit status {status}{said}"
 
     def kill(self) -> None:

@@ -86,6 +86,11 @@ class BackgroundRender:
             self._discard_folder()
             raise
 
+    @property
+    def pid(self) -> int:
+        """Id of the process."""
+        return self._child.pid
+
     def update(self) -> bool:
         """Take in what the process has told; return whether it has ended. Does not wait."""
         has_ended = self._child.has_ended()
@@ -93,8 +98,15 @@ class BackgroundRender:
         return has_ended
 
     def failure(self) -> str | None:
-        """Return why it failed, once it has ended; None where it did not."""
-        return self._child.failure()
+        """Return why it failed, once it has ended; None where it did not.
+
+        Where Blender left a report of a crash, that is kept in the cache folder, in place of an older one.
+        """
+        failure = self._child.failure()
+        for report in self._folder.glob("*.crash.txt"):
+            kept = report.replace(self._folder.parent / "last_crash.txt")
+            return f"{failure}; Blender's report: {kept}"
+        return failure
 
     def close(self) -> None:
         """End the process if it still runs, and delete all that is not a whole result."""
