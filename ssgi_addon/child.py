@@ -5,13 +5,14 @@ from __future__ import annotations
 
 import os
 import queue
+import select
 import signal
 import subprocess
 import sys
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from .progress import understand
@@ -21,6 +22,8 @@ ERROR_MARK = "ssgi: error: "
 _LAST_LINES = 5
 # Seconds; a process that was killed is gone at once unless the system holds it in a read or a write.
 _LONGEST_END = 5.0
+# Seconds of a look at the standard input; Windows knows no look at a pipe
+_LOOK, _CAN_LOOK = 0.1, sys.platform != "win32"
 
 
 def ssgi_command(blender: str, *arguments: str, options: Sequence[str] = ()) -> list[str]:
@@ -56,7 +59,8 @@ def printed_error(lines: Iterable[str]) -> str:
 class Child:
     """A running process whose output a thread reads, so that nobody ever waits for it.
 
-    It lives in a process group of its own and ends, if it calls `end_with_parent`, when this process does.
+    It lives in a process group of its own. If it works in `ended_with_parent`, it ends when this process
+    does.
 
     Parameters
     ----------
@@ -147,16 +151,32 @@ class Child:
             self._lines.put(line)
 
 
-def end_with_parent(clean: Callable[[], None]) -> None:
-    """End this process, after `clean`, as soon as its standard input closes: its parent is gone then."""
+@contextmanager
+def ended_with_parent(clean: Callable[[], None]) -> Iterator[None]:
+    """End this process, after `clean`, if its input closes during the block: its parent is gone then."""
+    is_done = threading.Event()
 
     def watch() -> None:
-        while os.read(0, 1):
-            pass
-        clean()
-        os._exit(1)
+        while not is_done.is_set():
+            if _input_closes():
+                clean()
+                os._exit(1)
 
-    threading.Thread(target=watch, name="ssgi-parent", daemon=True).start()
+    watcher = threading.Thread(target=watch, name="ssgi-parent", daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        is_done.set()
+        if _CAN_LOOK:  # Blender 4.5 as a module would not end with the thread alive
+            watcher.join()
+
+
+def _input_closes() -> bool:
+    """Look for a moment, or where the system has no way to, until something comes."""
+    if _CAN_LOOK and not select.select([0], [], [], _LOOK)[0]:
+        return False
+    return not os.read(0, 1)
 
 
 def _own_group() -> dict[str, int | bool]:

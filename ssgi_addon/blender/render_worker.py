@@ -9,7 +9,7 @@ from pathlib import Path
 
 import bpy
 
-from ..child import end_with_parent
+from ..child import ended_with_parent
 from ..files import discard_unfinished
 from ..progress import tell
 from ..render_task import read_task
@@ -33,12 +33,12 @@ def work(task_path: Path) -> None:
         discard_unfinished(task.options.output, os.getpid())
         shutil.rmtree(task.blend.parent, ignore_errors=True)
 
-    end_with_parent(clean)
-    if hasattr(os, "nice"):
-        os.nice(_NICENESS)
-    tell(0.0, "Opening")
-    open_scene(task.blend)
-    scene = bpy.data.scenes[task.scene]
-    bpy.context.window.scene = scene
-    bpy.context.window.view_layer = scene.view_layers[task.view_layer]
-    render_frames(scene, task.options, tell)
+    with ended_with_parent(clean):
+        if hasattr(os, "nice"):
+            os.nice(_NICENESS)
+        tell(0.0, "Opening")
+        open_scene(task.blend)
+        scene = bpy.data.scenes[task.scene]
+        bpy.context.window.scene = scene
+        bpy.context.window.view_layer = scene.view_layers[task.view_layer]
+        render_frames(scene, task.options, tell)

@@ -30,7 +30,7 @@ from tests.blender.fingerprint import changes, fingerprint
 from tests.scenes import build_closed_room
 
 # Seconds after which what a test waits for counts as never coming
-PATIENCE = 300.0
+PATIENCE = 100.0
 
 
 @pytest.fixture

@@ -155,10 +155,10 @@ def test_child_ends_with_a_parent_that_is_killed(tmp_path):
     child = f"""
 import time
 from pathlib import Path
-from ssgi_addon.child import end_with_parent
-end_with_parent(lambda: Path({str(tmp_path / "clean")!r}).touch())
-Path({str(tmp_path / "runs")!r}).touch()
-time.sleep(600)
+from ssgi_addon.child import ended_with_parent
+with ended_with_parent(lambda: Path({str(tmp_path / "clean")!r}).touch()):
+    Path({str(tmp_path / "runs")!r}).touch()
+    time.sleep(600)
 """
     parent = f"""
 import subprocess, sys, time
@@ -177,6 +177,18 @@ time.sleep(600)
         os.kill(process.pid, signal.SIGKILL)
     wait_until(lambda: not is_alive(pid))
     assert (tmp_path / "clean").exists()
+
+
+def test_child_that_ends_by_itself_does_not_clean(start, tmp_path):
+    child = start(
+        "import sys, threading\nfrom pathlib import Path\nfrom ssgi_addon.child import ended_with_parent\n"
+        "with ended_with_parent(Path(sys.argv[1]).touch):\n    print('work')\n"
+        "sys.exit(threading.active_count() - 1)",
+        tmp_path / "clean",
+    )
+    wait_until(child.has_ended)
+    assert child.failure() is None
+    assert not (tmp_path / "clean").exists()
 
 
 def test_command_runs_in_the_blender_that_is_named_or_in_this_python():
