@@ -26,20 +26,23 @@ class RenderTask:
         Names of what to render.
     options
         What to render, and where to write it.
+    scripts_denied
+        The file's scripts or drivers may not run in the window either.
     """
 
     blend: Path
     scene: str
     view_layer: str
     options: JobOptions
+    scripts_denied: bool = False
 
 
 def write_task(task: RenderTask, path: Path) -> None:
     """Write a task for `read_task`."""
     options = {item.name: _plain(getattr(task.options, item.name)) for item in fields(JobOptions)}
     options["settings"] = settings_to_json(task.options.settings)
-    names = {"scene": task.scene, "view_layer": task.view_layer}
-    write_json(path, {"blend": _plain(task.blend), **names, "options": options})
+    data = {item.name: _plain(getattr(task, item.name)) for item in fields(RenderTask)}
+    write_json(path, {**data, "options": options})
 
 
 def read_task(path: Path) -> RenderTask:
@@ -50,7 +53,7 @@ def read_task(path: Path) -> RenderTask:
     }
     options["output"] = Path(options["output"])
     options["settings"] = settings_from_json(options["settings"])
-    return RenderTask(Path(data["blend"]), data["scene"], data["view_layer"], JobOptions(**options))
+    return RenderTask(**{**data, "blend": Path(data["blend"]), "options": JobOptions(**options)})
 
 
 def _plain(value: Any) -> Any:

@@ -74,7 +74,8 @@ class BackgroundRender:
         try:
             copy = _save_copy(self._folder)
             task = self._folder / "task.json"
-            write_task(RenderTask(copy, scene.name, view_layer.name, options), task)
+            names = scene.name, view_layer.name
+            write_task(RenderTask(copy, *names, options, bpy.app.autoexec_fail), task)
             command = ssgi_command(blender, COMMAND, str(task), options=blender_options(threads))
             # What it writes into its temporary folder is gone with ours, also after a crash
             temporary = dict.fromkeys(("TMPDIR", "TMP", "TEMP"), str(self._folder))

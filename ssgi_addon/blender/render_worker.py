@@ -10,6 +10,7 @@ from pathlib import Path
 import bpy
 
 from ..child import ended_with_parent
+from ..errors import SSGIError
 from ..files import discard_unfinished
 from ..progress import tell
 from ..render_task import read_task
@@ -25,7 +26,7 @@ def work(task_path: Path) -> None:
     Raises
     ------
     SSGIError
-        If the copy cannot be opened or rendered, or a result cannot be written.
+        If the copy cannot be opened or rendered as in the window, or a result cannot be written.
     """
     task = read_task(task_path)
 
@@ -41,4 +42,10 @@ def work(task_path: Path) -> None:
         scene = bpy.data.scenes[task.scene]
         bpy.context.window.scene = scene
         bpy.context.window.view_layer = scene.view_layers[task.view_layer]
+        bpy.context.view_layer.update()
+        if bpy.app.autoexec_fail and not task.scripts_denied:
+            raise SSGIError(
+                "this file's scripts or drivers run in the window but may not in the background: switch on Auto "
+                "Run Python Scripts in the preferences (Save & Load)"
+            )
         render_frames(scene, task.options, tell)

@@ -201,6 +201,24 @@ def test_relative_paths_lead_where_they_led(room, options, start, tmp_path):
     assert found == (tmp_path / "textures" / "wood.png").resolve()
 
 
+@pytest.mark.parametrize("is_denied_here", [True, False])
+def test_drivers_that_run_in_the_window_alone_are_an_error(room, options, tmp_path, is_denied_here):
+    """Denied in both, the picture is the same."""
+    room.objects[0].driver_add("location", 0).driver.expression = "bpy.app.version[0]"
+    copy, task = tmp_path / "room.blend", tmp_path / "task.json"
+    bpy.ops.wm.save_as_mainfile(filepath=str(copy), copy=True)
+    write_task(RenderTask(copy, room.name, room.view_layers[0].name, options, is_denied_here), task)
+    command = ssgi_command("", COMMAND, str(task))
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env=environment(),
+    ) as process:  # fmt: skip
+        # Not `communicate`, which closes the input
+        told = process.stderr.read()
+    assert ("may not in the background" in told) != is_denied_here
+    assert (process.returncode == 0) == is_denied_here
+
+
 def test_images_with_unsaved_changes_are_refused_by_name(room, options, start, tmp_path):
     bpy.data.images.new("untouched", 2, 2)
     for name in ("Wood", "Dirt"):
