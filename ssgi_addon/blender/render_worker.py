@@ -45,7 +45,7 @@ def work(task_path: Path) -> None:
         bpy.context.view_layer.update()
         if bpy.app.autoexec_fail and not task.scripts_denied:
             raise SSGIError(
-                "this file's scripts or drivers run in the window but may not in the background: switch on Auto "
-                "Run Python Scripts in the preferences (Save & Load)"
+                "this file's scripts or drivers run in the window but may not in the background: switch on "
+                "Auto Run Python Scripts in the preferences (Save & Load)"
             )
         render_frames(scene, task.options, tell)
