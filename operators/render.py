@@ -75,7 +75,7 @@ class SSGI_OT_render(bpy.types.Operator):
             render = background.BackgroundRender(
                 scene, context.view_layer, options, cache, blender=blender, threads=threads
             )
-        except SSGIError as error:
+        except (SSGIError, OSError) as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         background.start(render)

@@ -328,6 +328,39 @@ result += [sorted(bpy.ops.ssgi.cancel_render()), render.closed, bpy.ops.ssgi.ren
     assert rest == [["FINISHED"], True, True]
 
 
+def test_progress_takes_the_place_of_the_second_button(extension, tmp_path):
+    script = """
+from bl_ext.user_default.ssgi.ssgi_addon import progress_panel
+from bl_ext.user_default.ssgi.ssgi_addon.blender import background
+class Layout:
+    def __init__(self):
+        self.drawn = []
+    def operator(self, name, **_):
+        getattr(bpy.ops.ssgi, name.partition(".")[2]).get_rna_type()
+        self.drawn.append(name)
+        return self
+    def progress(self, factor, text):
+        self.drawn.append([factor, text])
+    def row(self, **_):
+        return self
+class Render:
+    fraction, text = 0.25, "Direct light"
+    def close(self): pass
+result = []
+for render in (None, Render()):
+    background.stop()
+    if render:
+        background.start(render)
+    layout = Layout()
+    progress_panel.draw_render_buttons(layout)
+    result.append(layout.drawn)
+"""
+    assert extension.run(script, tmp_path) == [
+        ["ssgi.render", "ssgi.render"],
+        ["ssgi.render", [0.25, "Direct light · 25%"], "ssgi.cancel_render"],
+    ]
+
+
 def test_without_a_blender_program_an_invoked_render_runs_here(extension, tmp_path):
     script = """
 scene = make_scene()
