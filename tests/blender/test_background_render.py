@@ -87,6 +87,8 @@ def test_picture_is_that_of_this_process_and_the_file_as_before(room, options, s
     render_frames(room, here)
     before = fingerprint()
     was_dirty = bpy.data.is_dirty
+    preferences = bpy.context.preferences
+    preferred = preferences.filepaths.file_preview_type, preferences.is_dirty
     render = start(room, options)
     wait_for_the_end(render)
     assert render.failure() is None
@@ -94,6 +96,7 @@ def test_picture_is_that_of_this_process_and_the_file_as_before(room, options, s
     render.close()
     assert changes(before, fingerprint()) == {}
     assert (bpy.data.filepath, bpy.data.is_dirty) == ("", was_dirty)
+    assert (preferences.filepaths.file_preview_type, preferences.is_dirty) == preferred
     assert files_below(tmp_path / "cache") == []
     assert files_below(options.output) == files_below(here.output)
     expected = read_layers(here.output / "untitled_0001.exr")
