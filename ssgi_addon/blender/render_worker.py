@@ -3,9 +3,12 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import shutil
+import sys
 from pathlib import Path
+from typing import NoReturn
 
 import bpy
 
@@ -20,14 +23,15 @@ from .job import open_scene, render_frames
 _NICENESS = 5
 
 
-def work(task_path: Path) -> None:
-    """Do a task.
+def work(task_path: Path) -> NoReturn:
+    """Do a task, and end the process.
 
     Raises
     ------
     SSGIError
         If the copy cannot be opened or rendered as in the window, or a result cannot be written.
     """
+    atexit.register(_end, 1)  # after an error
     task = read_task(task_path)
 
     def clean() -> None:
@@ -49,3 +53,11 @@ def work(task_path: Path) -> None:
                 "Auto Run Python Scripts in the preferences (Save & Load)"
             )
         render_frames(scene, task.options, tell)
+    _end(0)
+
+
+def _end(status: int) -> NoReturn:
+    """End at once: how Blender itself ends must change nothing, and 4.5 as a module may wait for ever."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(status)
