@@ -35,9 +35,9 @@ def unregister() -> None:
 
 def _modules() -> tuple[ModuleType, ...]:
     from . import operators
-    from .ssgi_addon import panels, preferences, progress_panel, properties
+    from .ssgi_addon import preferences, progress_panel, properties, ui
 
-    return preferences, properties, operators, progress_panel, panels
+    return preferences, properties, operators, progress_panel, ui
 
 
 def _run_command(argv: Sequence[str]) -> int:

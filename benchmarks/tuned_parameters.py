@@ -162,7 +162,7 @@ PARAMETERS = {
 
 def settings_of(case: str, changes: Changes, seed: int) -> Settings:
     """Return a case's settings with the changes that are settings, on one thread."""
-    settings = replace(Settings.preset(CASES[case].preset), seed=seed, threads=1)
+    settings = replace(Settings.preset(CASES[case].preset), seed=seed, threads=1, fill_mode="level")
     settings = replace(settings, diffuse=replace(settings.diffuse, traced=CASES[case].is_traced))
     for name, value in changes.items():
         if PARAMETERS[name].owner is None:

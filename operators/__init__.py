@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import bpy
 
-from . import layers, render
+from . import compare, layers, presets, preview, render
 
-CLASSES = (*render.CLASSES, *layers.CLASSES)
+CLASSES = (*render.CLASSES, *preview.CLASSES, *layers.CLASSES, *compare.CLASSES, *presets.CLASSES)
 
 register, unregister = bpy.utils.register_classes_factory(CLASSES)

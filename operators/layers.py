@@ -21,6 +21,10 @@ class SSGI_OT_add_layers(bpy.types.Operator, ImportHelper):
     filename_ext = ".exr"
     filter_glob: StringProperty(default="*.exr", options={"HIDDEN"})
 
+    @classmethod
+    def poll(cls, context):
+        return _may_edit(cls, context)
+
     def invoke(self, context, event):
         """Take the last result; ask for a file where there is none."""
         self.filepath = context.scene.ssgi.result
@@ -53,7 +57,7 @@ class SSGI_OT_remove_layers(bpy.types.Operator):
     @classmethod
     def poll(cls, context):
         if compositor.has_layers(context.scene):
-            return True
+            return _may_edit(cls, context)
         cls.poll_message_set("The compositor of this scene holds no result")
         return False
 
@@ -64,6 +68,13 @@ class SSGI_OT_remove_layers(bpy.types.Operator):
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         return {"FINISHED"}
+
+
+def _may_edit(operator: type[bpy.types.Operator], context: bpy.types.Context) -> bool:
+    obstacle = compositor.edit_obstacle(context.scene)
+    if obstacle:
+        operator.poll_message_set(obstacle)
+    return obstacle is None
 
 
 CLASSES = (SSGI_OT_add_layers, SSGI_OT_remove_layers)

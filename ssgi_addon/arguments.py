@@ -39,7 +39,8 @@ def add_option(
     (item,) = (item for item in fields(owner) if item.name == name)
     rule = item.metadata
     shared = {"dest": name, "default": argparse.SUPPRESS}
-    help_text = rule["help"][0].lower() + rule["help"][1:]
+    choices = (f"{choice}: {_lowered(text)}" for choice, text in rule["choice_help"].items())
+    help_text = "; ".join([_lowered(rule["help"]), *choices])
     if default or not isinstance(item.default, bool):
         help_text = f"{help_text} (default: {default or item.default})"
     if isinstance(item.default, bool):
@@ -115,3 +116,8 @@ def frame_range(text: str) -> tuple[int, ...]:
     if last < first or step < 1 or last - first >= MOST_FRAMES:
         raise argparse.ArgumentTypeError(f"expected FIRST <= LAST and a STEP of 1 or more, got {text!r}")
     return tuple(range(first, last + 1, step))
+
+
+def _lowered(text: str) -> str:
+    """Return a sentence as it stands within another one."""
+    return text[0].lower() + text[1:]

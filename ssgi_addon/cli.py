@@ -191,13 +191,17 @@ def _add_settings(parser: argparse.ArgumentParser, *, default: str | None) -> No
         "--rays",
         metavar="N",
         type=integer(int(lowest), int(highest)),
-        help=f"{rules[0]['unit']}, diffuse and glossy each (default: the preset's)",
+        help=f"{rules[0]['unit']}, diffuse and glossy each (default: the preset's); a fill then only sets "
+        "their level, unless --fill-mode says otherwise",
     )
+    add_option(parser, "--fill-mode", Settings, "fill_mode", default="the preset's")
 
 
 def _settings(arguments: argparse.Namespace, base: Settings | None = None) -> Settings:
     """Settings by preset, or `base` where none is named, with the number of rays where it is."""
     settings = base if base and not arguments.preset else Settings.preset(arguments.preset or DEFAULT_PRESET)
+    fill_mode = getattr(arguments, "fill_mode", settings.fill_mode if arguments.rays is None else "level")
+    settings = replace(settings, fill_mode=fill_mode)
     if arguments.rays is None:
         return settings
     return replace(

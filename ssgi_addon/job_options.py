@@ -29,10 +29,10 @@ RENDERED: dict[str, dict[str, Any]] = {
     "balanced": {
         "samples": 4,
         "denoiser": "fast",
-        "own_geometry": True,
+        "own_geometry": False,
         "fill": 16,
         "budget": 1.5,
-        "surround": 128,
+        "surround": 0,
         **_FEW,
     },
     "final": {
@@ -46,6 +46,11 @@ RENDERED: dict[str, dict[str, Any]] = {
         "back_faces": True,
         "mirrors_only": False,
     },
+}
+PRESET_HELP = {
+    "draft": "Look at the light while the scene changes: seconds",
+    "balanced": "Most accuracy for its time: about as long as a few samples of the frame",
+    "final": "Least error: some times as long as balanced",
 }
 # EEVEE renders no fill: what presets capture in its place.
 _WITHOUT_FILL = {"surround": 128, "mirrors_only": False}
@@ -111,22 +116,26 @@ class JobOptions:
     )
     denoiser: str = option(
         _DEFAULT["denoiser"],
-        "What Cycles' denoiser cleans, where this Blender has one: nothing, the direct light at its fastest "
-        "or at its best setting, or direct and indirect light together, in place of the passes' own filters. "
-        "Together, the layer of the direct light keeps its noise",
+        "Use of Cycles' denoiser, where this Blender has one",
         label="Denoiser",
-        choices=("none", "fast", "accurate", TOGETHER),
+        choices={
+            "none": "Keep the noise of the direct light",
+            "fast": "Clean the direct light at the denoiser's fastest setting",
+            "accurate": "Clean the direct light at the denoiser's best setting",
+            TOGETHER: "Clean direct and indirect light at once, in place of the passes' own filters. "
+            "The layer of the direct light keeps its noise",
+        },
     )
     own_geometry: bool = option(
         _DEFAULT["own_geometry"],
-        "Render depth, normals and roughness by themselves, from one sample at each pixel's centre. Off, "
+        "Render depth, normals and roughness by themselves, from one sample at each pixel's center. Off, "
         "Cycles takes them from the render of the light: one render less, and edges that are less exact. "
         "Volumes, and EEVEE, need the render of their own",
         label="Own Geometry",
     )
     budget: float = option(
         _DEFAULT["budget"],
-        "Most time for all that is captured beyond the frame, as a multiple of the time of the direct light. "
+        "Time limit for all that is captured beyond the frame, as a multiple of the direct light's time. "
         "What rays would gain most by comes first, what they do not need is left out, and the report says "
         "why. Presets set it",
         label="Time Budget",
@@ -136,19 +145,19 @@ class JobOptions:
     )
     fill: int = option(
         _DEFAULT["fill"],
-        "Samples per pixel of a path-traced render of a quarter of the size each way, with all bounces: it "
-        "brings the light that rays cannot find. 0 renders none. Costs about as much as one sample of the "
-        "whole frame at 16. Through Cycles only",
+        "Light paths for every 4 x 4 pixels, with all bounces, in a small path-traced render: it brings the "
+        "light that rays cannot find. The denoiser cleans it unless that is off. 0 renders none. Costs about "
+        "as much as one sample of the whole frame at 16. Through Cycles only",
         label="Fill Samples",
-        unit="samples/pixel",
+        unit="paths/16 pixels",
         min=0,
         max=_MOST_SAMPLES,
         soft_max=64,
     )
     mirrors_only: bool = option(
         _DEFAULT["mirrors_only"],
-        "With a fill, capture views beyond the frame only where mirrors show them: the light of rougher "
-        "surfaces comes from the fill, in less time",
+        "Capture views beyond the frame only where mirrors show them, if there is a fill: the light of "
+        "rougher surfaces comes from the fill, in less time",
         label="Views for Mirrors Only",
     )
     surround: int = option(
@@ -173,8 +182,8 @@ class JobOptions:
     )
     stations: int = option(
         _DEFAULT["stations"],
-        "Most views from elsewhere, placed where they see what rays lose sight of behind things. 0 captures "
-        "none. Each costs a short render, a fraction of a second",
+        "Largest number of views from elsewhere, placed where they see what rays lose sight of. "
+        "0 captures none. Each costs a short render, a fraction of a second",
         label="Stations",
         unit="views",
         min=0,
@@ -183,7 +192,8 @@ class JobOptions:
     )
     light_views: int = option(
         0,
-        "Most views from lamps, the strongest first: reflective shadow maps. Each costs a short render",
+        "Largest number of views from lamps, the strongest first: reflective shadow maps. 0 captures none. "
+        "Each costs a short render",
         label="Light Views",
         unit="views",
         min=0,
@@ -204,18 +214,18 @@ class JobOptions:
     )
     keep_world: bool = option(
         True,
-        "Over several frames, go on with views of earlier ones and average their fills, until anything but "
-        "the camera moves. Off, each frame is the same whichever frames were rendered before it",
+        "Go on with views of earlier frames and average their fills, until anything but the camera moves. "
+        "Off, each frame is the same whichever frames were rendered before it",
         label="Keep Between Frames",
     )
     save_passes: bool = option(
         False,
-        "Also keep the captured passes and the camera, to compute the light again without Blender",
+        "Keep the captured passes and the camera, too, to compute the light again without Blender",
         label="Save Passes",
     )
     compare: bool = option(
         False,
-        "Also render the scene with Cycles' own indirect light, and measure the error against it",
+        "Render the scene with Cycles' own indirect light, too, and measure the error against it",
         label="Compare",
     )
     reference_samples: int = option(

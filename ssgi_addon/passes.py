@@ -29,7 +29,7 @@ UNIT_ROUNDING = 1e-6
 Stored = TypeVar("Stored", GBuffer, Fill)
 
 _PLANES = tuple(item.name for item in fields(GBuffer) if item.name != "behind")
-_FILL_PLANES = tuple(item.name for item in fields(Fill) if item.name != "camera")
+_FILL_PLANES = tuple(item.name for item in fields(Fill) if item.name not in ("camera", "is_denoised"))
 _REQUIRED = ("depth", "normal", "albedo", "specular", "roughness", "direct")
 
 
@@ -237,7 +237,7 @@ def _write_fill(fill: Fill | None, folder: Path, name: str) -> dict[str, Any] | 
     if fill is None:
         return None
     write_layers(folder / name, {plane: np.asarray(getattr(fill, plane)) for plane in _FILL_PLANES})
-    return {"passes": name, "camera": _camera_to_json(fill.camera)}
+    return {"passes": name, "camera": _camera_to_json(fill.camera), "is_denoised": fill.is_denoised}
 
 
 def _read_fill(data: Mapping[str, Any] | None, folder: Path) -> Fill | None:
@@ -249,7 +249,11 @@ def _read_fill(data: Mapping[str, Any] | None, folder: Path) -> Fill | None:
     if missing:
         raise SSGIError(f"{path} lacks the passes {', '.join(missing)}: render it again")
     planes: dict[str, Any] = {name: layers[name] for name in _FILL_PLANES}
-    return _as_stored(Fill, {**planes, "camera": _camera_from_json(data["camera"], path)}, path)
+    rest = {
+        "camera": _camera_from_json(data["camera"], path),
+        "is_denoised": bool(data.get("is_denoised", False)),
+    }
+    return _as_stored(Fill, {**planes, **rest}, path)
 
 
 def _camera_to_json(camera: Camera) -> dict[str, Any]:

@@ -13,12 +13,16 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from .core.settings import PRESETS, Settings
-from .job_options import DEFAULT_PRESET, ENGINE_LABELS, ENGINES, JobOptions, rendered
+from .job_options import DEFAULT_PRESET, ENGINE_LABELS, ENGINES, PRESET_HELP, JobOptions, rendered
+from .view_properties import CompareProperties, LookProperties, redraw_comparison
 
 # A Blender property has no "none" and no infinity; 0 stands for both, and its help says so.
-OPEN_ENDED = {None: "0 uses as many as there are", math.inf: "0 is without limit"}
+OPEN_ENDED = {None: "0 takes as many as there are", math.inf: "0 is without limit"}
 # Outside the class: Python 3.11 evaluates annotations where a comprehension sees no other names.
-_ENGINE_ITEMS = [(name, ENGINE_LABELS[name], "") for name in ENGINES]
+_ENGINE_ITEMS = [
+    (name, ENGINE_LABELS[name], f"Render the direct light with {ENGINE_LABELS[name]}") for name in ENGINES
+]
+_PRESET_ITEMS = [(name, name.title(), PRESET_HELP[name]) for name in PRESETS]
 # Blender shows these units behind the number.
 _SUBTYPES = {"scene units": "DISTANCE", "pixels": "PIXEL"}
 _DEFAULTS = Settings.preset(DEFAULT_PRESET)
@@ -70,7 +74,7 @@ def apply_preset(group: bpy.types.PropertyGroup, name: str) -> None:
 def _property(item: Field[Any], default: Any) -> Any:
     rule = item.metadata
     if rule["choices"] is not None:
-        items = [(choice, _label(choice), "") for choice in rule["choices"]]
+        items = [(choice, _label(choice), text) for choice, text in rule["choice_help"].items()]
         return EnumProperty(name=rule["label"], description=rule["help"], items=items, default=default)
     if isinstance(item.default, bool):
         return BoolProperty(name=rule["label"], description=rule["help"], default=default)
@@ -87,7 +91,10 @@ def _number_property(item: Field[Any], default: Any) -> Any:
         options |= {"min": 0, "description": f"{rule['help']}. {OPEN_ENDED[item.default]}"}
         options["default"] = 0 if default == item.default else default
     if isinstance(item.default, float):
-        return FloatProperty(**options, subtype=_SUBTYPES.get(rule["unit"], "NONE"))
+        # A part of a whole is a slider.
+        is_factor = rule["min"] == 0.0 and rule["max"] is not None and rule["max"] <= 1.0
+        subtype = "FACTOR" if is_factor else _SUBTYPES.get(rule["unit"], "NONE")
+        return FloatProperty(**options, subtype=subtype)
     return IntProperty(**options, subtype=_SUBTYPES.get(rule["unit"], "NONE"))
 
 
@@ -157,7 +164,9 @@ class _JobOptions:
     __annotations__ = annotations_of(JobOptions(output=Path()))
 
 
-class SSGI_PG_settings(_SharedSettings, _JobOptions, bpy.types.PropertyGroup):
+class SSGI_PG_settings(
+    _SharedSettings, _JobOptions, LookProperties, CompareProperties, bpy.types.PropertyGroup
+):
     """Everything that a scene keeps for this extension."""
 
     enabled: BoolProperty(
@@ -167,8 +176,8 @@ class SSGI_PG_settings(_SharedSettings, _JobOptions, bpy.types.PropertyGroup):
     )
     preset: EnumProperty(
         name="Preset",
-        description="Set rays and bounces to a point between speed and accuracy",
-        items=[(name, name.title(), "") for name in PRESETS],
+        description="Point between speed and accuracy; choosing one sets samples, rays, bounces and captures",
+        items=_PRESET_ITEMS,
         default=DEFAULT_PRESET,
         update=_follow_preset,
     )
@@ -177,7 +186,7 @@ class SSGI_PG_settings(_SharedSettings, _JobOptions, bpy.types.PropertyGroup):
 
     engine: EnumProperty(
         name="Engine",
-        description="Which render engine renders the direct light",
+        description="Render engine of the direct light",
         items=_ENGINE_ITEMS,
         default=ENGINES[0],
         update=_follow_engine,
@@ -197,7 +206,11 @@ class SSGI_PG_settings(_SharedSettings, _JobOptions, bpy.types.PropertyGroup):
         default=True,
     )
     result: StringProperty(
-        name="Result", description="The file that the last run wrote", subtype="FILE_PATH", options={"HIDDEN"}
+        name="Result",
+        description="File that the last run wrote",
+        subtype="FILE_PATH",
+        options={"HIDDEN"},
+        update=redraw_comparison,
     )
 
 

@@ -10,13 +10,15 @@ from dataclasses import replace
 import bpy
 
 from ..core import Camera, Settings
+from ..core.planner import is_colored
 from ..core.stations import LostRays, find_lost_rays
 from ..frame import CapturedFrame
 from ..surface_light import seen_from_elsewhere
 from ..view_cameras import overscan_camera, square_camera, surround_cameras
+from .capture_costs import fill_samples
 from .capture_options import CaptureOptions
 from .engines import Engine
-from .fill import FILL_STRIDE, capture_fill
+from .fill import capture_fill, denoised_fill
 from .hidden_surfaces import Take, add_hidden_surfaces
 from .kept_world import KeptWorld
 from .light_views import light_cameras
@@ -143,16 +145,22 @@ class BeyondTheFrame:
             note = "Only Cycles can render a fill: it is left out."
             self.frame = replace(self.frame, notes=(*self.frame.notes, note))
             return
-        pixels = self.frame.camera.width * self.frame.camera.height / FILL_STRIDE**2
-        # A path with all its bounces takes about twice the time of a sample of direct light
-        cost = self.render_seconds + 2.0 * pixels * self.options.fill * self.sample_seconds
+        pixels = self.frame.camera.width * self.frame.camera.height
+        cost = self.render_seconds + fill_samples(pixels, self.options.fill) * self.sample_seconds
         if cost > self.seconds_left:
             self._leave_out("fill", self._too_dear(cost))
             return
         self.report(0.6, "Fill")
-        fill, seconds = capture_fill(self.scene, self.view_layer, samples=self.options.fill)
-        self._spend("fill", seconds)
-        self.frame = replace(self.frame, fill=fill if self.kept is None else self.kept.averaged(fill))
+        is_clean = self.options.denoise_fill
+        fill, seconds = capture_fill(self.scene, self.view_layer, samples=self.options.fill, is_fine=is_clean)
+        begun = time.perf_counter()
+        if self.kept is not None:
+            fill = self.kept.averaged(fill)
+        if is_clean:
+            has_glossy = bool(is_colored(self.frame.gbuffer.specular).any())
+            fill = denoised_fill(self.scene, fill, has_glossy=has_glossy)
+        self._spend("fill", seconds + time.perf_counter() - begun)
+        self.frame = replace(self.frame, fill=fill)
 
     def _needs(self, wanted: dict[str, bool], share: Callable[[LostRays], float]) -> bool:
         """Return whether some of what is wanted has rays to win, and time; note it where not."""

@@ -43,6 +43,15 @@ def check_camera(scene: bpy.types.Scene) -> None:
         )
 
 
+def camera_obstacle(scene: bpy.types.Scene) -> str | None:
+    """Return why the picture of the camera cannot be traced in, and what to do about it; None if it can."""
+    try:
+        check_camera(scene)
+    except SSGIError as error:
+        return str(error).removesuffix(".")
+    return None
+
+
 def camera_of_render(engine: bpy.types.RenderEngine | None, depsgraph: bpy.types.Depsgraph) -> Camera:
     """Describe the camera of the render that is being carried out.
 

@@ -18,7 +18,7 @@ from .capture_notes import capture_notes
 from .capture_options import CaptureOptions
 from .cycles_passes import RenderedPasses
 from .engines import Engine, engine_named
-from .gbuffer import GEOMETRY_PASSES, LIGHT_PASSES, gbuffer_from_passes
+from .gbuffer import GEOMETRY_PASSES, LIGHT_PASSES, SUM_PASSES, gbuffer_from_passes
 from .kept_world import KeptWorld
 from .render_settings import borrow_passes, borrow_pixel_centers, borrow_scene
 from .restore import Restorer
@@ -153,9 +153,12 @@ def _capture_light(
 
 def _light_passes(engine: Engine, is_denoised: bool, options: CaptureOptions) -> tuple[str, ...]:
     """Return the passes of light to take: each costs time, in the render and after it."""
+    if options.keep_passes or not engine.world_in_direct:
+        return engine.light_passes
+    if not options.splits_light:
+        return SUM_PASSES
     # What is neither diffuse nor glossy tells how much of a denoised sum is reflected light
-    needs_all = is_denoised or options.keep_passes or not engine.world_in_direct
-    return engine.light_passes if needs_all else LIGHT_PASSES
+    return engine.light_passes if is_denoised else LIGHT_PASSES
 
 
 def _environment(radiance: FloatArray | None, camera: Camera) -> Environment | None:

@@ -53,8 +53,13 @@ class CaptureOptions:
         Capture the layer behind the visible surfaces with its light (Cycles), in all views.
     keep_passes
         Also take passes that only files hold: position, and light that is neither diffuse nor glossy.
+    splits_light
+        Take what surfaces hand on from passes of their own (or with `keep_passes`); else, through Cycles, it
+        is what they show to the camera: a few passes less, good enough for mirrors.
     fill
-        Samples per pixel of a small render of the indirect light (Cycles); 0 captures none.
+        Light paths for every 4 x 4 pixels, with all bounces, in a small render (Cycles); 0 captures none.
+    denoise_fill
+        Clean its light, where this build of Blender can.
     """
 
     engine: str = "cycles"
@@ -75,5 +80,7 @@ class CaptureOptions:
     back_faces: bool = False
     behind: bool = False
     fill: int = 0
+    denoise_fill: bool = False
     mirrors_only: bool = False
+    splits_light: bool = True
     keep_passes: bool = True

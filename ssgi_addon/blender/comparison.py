@@ -12,6 +12,7 @@ import bpy
 from ..exr import write_layers
 from ..heatmap import error_map
 from ..job_options import JobOptions
+from ..last_result import reference_path
 from ..results import Picture, measure_errors
 from .display import to_display
 from .reference import Reference, ReferenceOptions, render_reference
@@ -65,7 +66,7 @@ def compare_with_cycles(
         "diffuse": reference.diffuse_indirect,
         "glossy": reference.glossy_indirect,
     }
-    write_layers(options.output / "reference" / f"{stem}.exr", layers)
+    write_layers(reference_path(options.output / f"{stem}.exr"), layers)
     record["metrics"] = measure_errors(
         picture, reference.combined, reference.diffuse_indirect, reference.glossy_indirect
     )

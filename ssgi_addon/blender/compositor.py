@@ -12,11 +12,13 @@ from pathlib import Path
 import bpy
 
 from ..errors import SSGIError
-from . import compat, layer_group
+from . import compat, layer_group, layer_look
 from .layer_group import GROUP_NAME, MARK
 
 # Custom property on a tree that `publish_layers` made where the scene had none.
 CREATED = "ssgi_created"
+# Of the group node, so that the names of its inputs can be read
+_NODE_WIDTH = 220.0
 
 
 def publish_layers(
@@ -28,9 +30,10 @@ def publish_layers(
 ) -> list[bpy.types.Node]:
     """Add the indirect light of a result file to what the compositor of `scene` puts out.
 
-    The group computes ``Image + Strength * Tint * (albedo * diffuse + specular * glossy)`` and
-    hands on every layer of the file. Where the scene has it already, it gets the new file and
-    keeps its place and its values.
+    The group computes ``Image + Strength * Tint * (Ds * Dt * albedo * diffuse + Gs * Gt * specular *
+    glossy)`` and hands on every layer of the file. Ds and Dt, Gs and Gt, strength and tint of each kind of
+    light, follow the scene's settings where the extension is there, and are 1 and white elsewhere. Where
+    the scene has the group already, it gets the new file and keeps its place and its values.
 
     Parameters
     ----------
@@ -56,12 +59,9 @@ def publish_layers(
         with another scene, switched off, without an output). Nothing is changed then.
     """
     tree = compat.compositor_tree(scene)
-    _check_editable(scene, tree)
+    check_editable(scene)
     nodes = _group_nodes(tree)
     outputs = compat.compositor_outputs(tree) if tree else []
-    if tree and compat.is_compositor_in_use(scene) and not nodes and not outputs:
-        raise SSGIError(f"The compositor of scene '{scene.name}' has no output node: add one, then try again")
-
     image = layer_group.load_image(Path(exr_path))
     if nodes:
         layer_group.replace_image(nodes, image)
@@ -72,6 +72,7 @@ def publish_layers(
         group = layer_group.build_group(image)
         nodes = [_insert(tree, scene, output, group) for output in outputs]
     for node in nodes:
+        layer_look.follow_scene(node, scene)
         if strength is not None:
             node.inputs["Strength"].default_value = strength
         if tint is not None:
@@ -96,7 +97,7 @@ def remove_layers(scene: bpy.types.Scene) -> bool:
     nodes = _group_nodes(tree)
     if not nodes:
         return False
-    _check_editable(scene, tree)
+    check_editable(scene)
     groups = {node.node_tree for node in nodes}
     for node in nodes:
         _bypass(tree, node)
@@ -113,22 +114,15 @@ def has_layers(scene: bpy.types.Scene) -> bool:
     return bool(_group_nodes(compat.compositor_tree(scene)))
 
 
-def warnings(scene: bpy.types.Scene) -> list[str]:
-    """Say why a render of `scene`, whose compositor holds the group, would not show what it should."""
-    if not has_layers(scene):
-        return []
-    found = []
-    if not scene.render.use_compositing:
-        found.append("Compositing is off in Post Processing: the render does not show the added light")
-    if scene.render.engine == "CYCLES" and (scene.cycles.diffuse_bounces or scene.cycles.glossy_bounces):
-        found.append(
-            "Cycles renders indirect light too: set Diffuse and Glossy bounces to 0, or it counts twice"
-        )
-    return found
+def check_editable(scene: bpy.types.Scene) -> None:
+    """Refuse a compositor in which an edit would be lost or would change more than `scene`, or has no place.
 
-
-def _check_editable(scene: bpy.types.Scene, tree: bpy.types.NodeTree | None) -> None:
-    """Raise SSGIError where an edit would be lost, or would change more than this scene."""
+    Raises
+    ------
+    SSGIError
+        With the reason, and what to do about it.
+    """
+    tree = compat.compositor_tree(scene)
     for owner in (scene, tree, *(node.node_tree for node in _group_nodes(tree))):
         if owner and (owner.library or owner.override_library):
             raise SSGIError(
@@ -150,6 +144,40 @@ def _check_editable(scene: bpy.types.Scene, tree: bpy.types.NodeTree | None) -> 
             f"The compositor of scene '{scene.name}' has nodes but is switched off: "
             "turn on Use Nodes, or delete the nodes"
         )
+    if compat.is_compositor_in_use(scene) and not compat.compositor_outputs(tree) and not _group_nodes(tree):
+        raise SSGIError(f"The compositor of scene '{scene.name}' has no output node: add one, then try again")
+
+
+def edit_obstacle(scene: bpy.types.Scene) -> str | None:
+    """Return why the compositor of `scene` must not be edited, and what to do about it; None if it may."""
+    try:
+        check_editable(scene)
+    except SSGIError as error:
+        return str(error)
+    return None
+
+
+def apply_look(scene: bpy.types.Scene) -> None:
+    """Set strength and tint of the group in the compositor of `scene`, if it has one, to its settings."""
+    tree = compat.compositor_tree(scene)
+    if tree is None or tree.library:
+        return
+    for node in _group_nodes(tree):
+        layer_look.apply_look(node, scene)
+
+
+def warnings(scene: bpy.types.Scene) -> list[str]:
+    """Say why a render of `scene`, whose compositor holds the group, would not show what it should."""
+    if not has_layers(scene):
+        return []
+    found = []
+    if not scene.render.use_compositing:
+        found.append("Compositing is off in Post Processing: the render does not show the added light")
+    if scene.render.engine == "CYCLES" and (scene.cycles.diffuse_bounces or scene.cycles.glossy_bounces):
+        found.append(
+            "Cycles renders indirect light too: set Diffuse and Glossy bounces to 0, or it counts twice"
+        )
+    return found
 
 
 def _group_nodes(tree: bpy.types.NodeTree | None) -> list[bpy.types.Node]:
@@ -172,6 +200,7 @@ def _insert(
     node = tree.nodes.new("CompositorNodeGroup")
     node.node_tree = group
     node.name = node.label = GROUP_NAME
+    node.width = _NODE_WIDTH
     x, y = output.node.location_absolute
     node.location = (x - node.width - 40.0, y - 140.0)
     if output.is_linked:
@@ -189,6 +218,7 @@ def _insert(
 
 def _bypass(tree: bpy.types.NodeTree, node: bpy.types.Node) -> None:
     """Remove a group node; what it fed is fed by its input again."""
+    layer_look.stop_following(node)
     source = node.inputs["Image"].links[0].from_socket if node.inputs["Image"].is_linked else None
     targets = [link.to_socket for link in node.outputs["Image"].links]
     # The output that nothing fed is unlinked again, unless the user has put nodes in between since then.

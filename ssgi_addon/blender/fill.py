@@ -3,28 +3,42 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import bpy
+import numpy as np
 
 from ..core import Fill
 from .camera import full_size
 from .cycles_passes import render_passes
+from .denoise_picture import denoise_picture
 from .gbuffer import GEOMETRY_PASSES, surfaces_from_passes
-from .render_settings import borrow_denoiser, borrow_framing, borrow_passes, borrow_pixel_centers
+from .render_settings import (
+    borrow_bounces,
+    borrow_denoiser,
+    borrow_framing,
+    borrow_passes,
+    borrow_pixel_centers,
+)
 from .restore import Restorer
 from .volumes import borrow_clear_air
 
-# Pixels of the frame that one of the fill stands for, each way.
-FILL_STRIDE = 4
+# Pixels of the frame that one of the fill stands for, each way: where a denoiser cleans it, and else. The
+# denoiser does more for many noisy pixels than for a few better ones, our filter does not (ADR 22).
+_STRIDE_DENOISED, _STRIDE = 2, 4
+# Samples are given for so many pixels of the frame, each way.
+BLOCK = 4
 _LIGHT_PASSES = ("Diffuse Indirect", "Glossy Indirect")
 
 
 def capture_fill(
-    scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, *, samples: int
+    scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, *, samples: int, is_fine: bool = False
 ) -> tuple[Fill, float]:
     """Render geometry and indirect light of every fourth pixel each way, in one render.
 
-    Bounces, caustics and what else shapes the light are the scene's; clamping is off, and there is no
-    denoiser, which would clean the sum of all light alone. Volumes are left out as in a surround.
+    Bounces, caustics and what else shapes the light are the scene's, but bounces are never switched off;
+    clamping is off. Denoise it by `denoised_fill`: within the render, the denoiser would clean the sum of all
+    light alone. Volumes are left out as in a surround.
 
     Parameters
     ----------
@@ -33,7 +47,10 @@ def capture_fill(
     view_layer
         The one that renders.
     samples
-        Of each pixel, all at its centre: the light belongs to the surface that depth and normal describe.
+        For every 4 x 4 pixels of the frame, all at the centre of a pixel: the light belongs to the surface
+        that depth and normal describe.
+    is_fine
+        Spread the samples over every second pixel each way, as far as there is one for each.
 
     Returns
     -------
@@ -47,9 +64,12 @@ def capture_fill(
     SSGIError
         If the render was cancelled.
     """
+    stride = _STRIDE_DENOISED if is_fine and samples >= (BLOCK // _STRIDE_DENOISED) ** 2 else _STRIDE
+    samples = round(samples * (stride / BLOCK) ** 2)
     with Restorer() as restorer:
-        _borrow_small_frame(restorer, scene)
+        _borrow_small_frame(restorer, scene, stride)
         borrow_pixel_centers(restorer, scene)
+        borrow_bounces(restorer, scene)
         restorer.change(scene.cycles, samples=samples, sample_clamp_direct=0.0, sample_clamp_indirect=0.0)
         borrow_denoiser(restorer, scene, view_layer, denoiser="none")
         borrow_clear_air(restorer, view_layer)
@@ -68,9 +88,25 @@ def capture_fill(
     return fill, rendered.seconds
 
 
-def _borrow_small_frame(restorer: Restorer, scene: bpy.types.Scene) -> None:
-    """Let renders return the whole frame in a quarter of its pixels each way, rounded up."""
+def denoised_fill(scene: bpy.types.Scene, fill: Fill, *, has_glossy: bool = True) -> Fill:
+    """Return a fill whose light Cycles' denoiser cleaned; scene and errors as in `denoise_picture`.
+
+    Parameters
+    ----------
+    scene, fill
+        Of the same render.
+    has_glossy
+        Whether anything takes the glossy light: it is left as it is otherwise.
+    """
+    white = np.ones((*fill.shape, 3), dtype=np.float32)
+    names = ("diffuse", "glossy") if has_glossy else ("diffuse",)
+    clean = {name: denoise_picture(scene, getattr(fill, name), white, fill.normal) for name in names}
+    return replace(fill, **clean, is_denoised=True)
+
+
+def _borrow_small_frame(restorer: Restorer, scene: bpy.types.Scene, stride: int) -> None:
+    """Let renders return the whole frame in a fraction of its pixels each way, rounded up."""
     # A border may be smaller than a pixel of the fill; around it, light helps the filter
     restorer.change(scene.render, use_border=False)
-    width, height = (-(-side // FILL_STRIDE) for side in full_size(scene))
+    width, height = (-(-side // stride) for side in full_size(scene))
     borrow_framing(restorer, scene, (width, height))

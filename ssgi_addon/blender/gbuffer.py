@@ -16,6 +16,8 @@ FloatArray = NDArray[np.float32]
 
 GEOMETRY_PASSES = ("Depth", "Normal")
 LIGHT_PASSES = ("Combined", "Diffuse Direct", "Diffuse Color", "Glossy Direct", "Glossy Color")
+# What tells the sum of the reflected light, for who need not know how it is split
+SUM_PASSES = ("Combined", "Emission", "Diffuse Color", "Glossy Color")
 # The rest of what Combined holds, each with the colour that it is divided by.
 _OTHER_LIGHT = (
     ("Transmission Direct", "Transmission Color"),
@@ -46,7 +48,7 @@ def gbuffer_from_passes(
     ----------
     layers
         `GEOMETRY_PASSES` and `LIGHT_PASSES` as Blender writes them: normals in world space, light divided
-        by the surface's colour.
+        by the surface's colour. `SUM_PASSES` do, too: what surfaces hand on is what they show, then.
     roughness : (H, W)
         Of the glossy lobe.
     camera
@@ -58,13 +60,20 @@ def gbuffer_from_passes(
         to rays. None where emissive meshes are lamps already, as in Cycles' direct passes.
     """
     depth, normal = surfaces_from_passes(layers, camera)
-    if is_denoised:
-        layers = {**layers, **_denoised_light(layers)}
-    source = handed_on(layers, roughness)
-    glossy_source = layers["Diffuse Direct"] * layers["Diffuse Color"]
-    glossy_source = glossy_source + layers["Glossy Direct"] * layers["Glossy Color"]
+    source: FloatArray
+    glossy_source: FloatArray | None
+    if "Diffuse Direct" in layers:
+        if is_denoised:
+            layers = {**layers, **_denoised_light(layers)}
+        source = handed_on(layers, roughness)
+        glossy_source = layers["Diffuse Direct"] * layers["Diffuse Color"]
+        glossy_source = glossy_source + layers["Glossy Direct"] * layers["Glossy Color"]
+    else:
+        # Emitters are lamps already
+        source, glossy_source = np.maximum(layers["Combined"] - layers["Emission"], 0.0), None
     if emission is not None:
-        source, glossy_source = source + emission, glossy_source + emission
+        source = source + emission
+        glossy_source = None if glossy_source is None else glossy_source + emission
     return GBuffer(
         depth=depth,
         normal=normal,

@@ -248,6 +248,7 @@ def make_picture(
     """
     begun = time.perf_counter()
     together = options.denoiser == TOGETHER
+    has_clean_fill = options.fill > 0 and options.denoiser != "none" and can_denoise_pictures(scene)
     captured = capture_frame(
         scene,
         CaptureOptions(
@@ -256,7 +257,9 @@ def make_picture(
             denoiser="none" if together else options.denoiser,
             # Mirrors show single pixels of them, which the picture's denoiser would take for detail
             view_denoiser="fast" if together else None,
+            denoise_fill=has_clean_fill,
             own_geometry=options.own_geometry,
+            splits_light=not (has_clean_fill and options.settings.fill_mode == "replace"),
             keep_passes=options.save_passes,
             resolution=options.resolution,
             frame=frame,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .cycles_passes import render_passes
-from .render_settings import borrow_denoiser, borrow_passes, borrow_scene
+from .render_settings import borrow_bounces, borrow_denoiser, borrow_passes, borrow_scene
 from .restore import Restorer
 
 FloatArray = NDArray[np.float32]
@@ -95,7 +95,7 @@ def render_reference(scene: bpy.types.Scene, options: ReferenceOptions, progress
     """Render one frame with indirect light, free of the shortcuts that bias it.
 
     Clamping, adaptive sampling, fast global illumination and the light threshold are off; bounces and
-    caustics are the scene's.
+    caustics are the scene's, but bounces are switched off only by the options.
 
     Parameters
     ----------
@@ -123,6 +123,7 @@ def render_reference(scene: bpy.types.Scene, options: ReferenceOptions, progress
             frame=options.frame,
             view_layer=options.view_layer,
         )
+        borrow_bounces(restorer, scene)
         restorer.change(
             scene.cycles,
             samples=options.samples,

@@ -87,6 +87,16 @@ def borrow_scene(
     return layer
 
 
+def borrow_bounces(restorer: Restorer, scene: bpy.types.Scene) -> None:
+    """Let Cycles' light bounce where the scene has bounces switched off: it takes that light from us.
+
+    Diffuse and glossy bounces of 0 become Cycles' own defaults; what the scene had before is not known.
+    """
+    for name in ("diffuse_bounces", "glossy_bounces"):
+        if not getattr(scene.cycles, name):
+            restorer.change(scene.cycles, **{name: scene.cycles.bl_rna.properties[name].default})
+
+
 def borrow_framing(restorer: Restorer, scene: bpy.types.Scene, resolution: tuple[int, int] | None) -> None:
     """Let renders return the whole frame, or its cropped border; None keeps the resolution.
 

@@ -41,6 +41,8 @@ def carry_over(
     threads: int | None,
     *,
     is_strict: bool = False,
+    is_loose: bool = False,
+    reach: int | None = None,
 ) -> tuple[list[FloatArray], BoolArray]:
     """Read values of one view's surfaces at points of another's.
 
@@ -59,6 +61,11 @@ def carry_over(
         Worker threads.
     is_strict
         Only samples on a point's own surface count.
+    is_loose
+        Where nothing lies near in space either, whatever lies beside it on the image counts.
+    reach
+        Samples are read up to so many pixels of the source away: 1 reads four of them, and more where none
+        of those counts; 2 reads sixteen. None means 2.
 
     Returns
     -------
@@ -68,7 +75,8 @@ def carry_over(
         Where the source sees the point, or something near to it.
     """
     gbuffer, camera = source
-    sampled = _Samples(gbuffer, camera, is_strict=is_strict)
+    sampled = _Samples(gbuffer, camera, _REACH if reach is None else reach)
+    weighs = [_on_surface] if is_strict else [_on_surface, _in_space, *[_on_image] * is_loose]
     values = [np.zeros((pixel.size, part.shape[1]), dtype=part.dtype) for part in parts]
     is_found = np.zeros(pixel.size, dtype=np.bool_)
     move = move_between(target[1], camera)
@@ -78,7 +86,7 @@ def carry_over(
         point, axis = surface_points(*target, pixel.take(slots))
         if is_moved:
             point, axis = move_rays(move, point, axis)
-        is_found[slots] = sampled.read(parts, point, axis, slots, values)
+        is_found[slots] = sampled.read(parts, point, axis, weighs, slots, values)
 
     parallel.run_chunks(work, parallel.split(np.arange(pixel.size), parallel.RAYS_PER_TASK // 4), threads)
     return values, is_found
@@ -87,8 +95,8 @@ def carry_over(
 class _Samples:
     """The pixels of a view as points in its space."""
 
-    def __init__(self, gbuffer: GBuffer, camera: Camera, *, is_strict: bool) -> None:
-        self.shape, self.camera, self.is_strict = gbuffer.shape, camera, is_strict
+    def __init__(self, gbuffer: GBuffer, camera: Camera, reach: int) -> None:
+        self.shape, self.camera, self.reach = gbuffer.shape, camera, reach
         with np.errstate(invalid="ignore"):
             self.position, self.normal = surface_points(gbuffer, camera, np.arange(gbuffer.depth.size))
         # In place of an endless distance; normals are zero there, so nothing has weight
@@ -99,14 +107,19 @@ class _Samples:
         parts: Sequence[FloatArray],
         point: FloatArray,
         axis: FloatArray,
+        weighs: Sequence[_Weigh],
         slots: IntArray,
         values: Sequence[FloatArray],
     ) -> BoolArray:
-        """Set `values` of some points with normals, in this view's space; return where any are found."""
+        """Set `values` of some points with normals, in this view's space; return where any are found.
+
+        Each way to weigh samples is for the points that those before it left.
+        """
         is_found = np.zeros(slots.size, dtype=np.bool_)
         left = self._in_sight(point)
-        for weigh in (_on_surface,) if self.is_strict else (_on_surface, _in_space):
-            mean = self._mean(parts, point.take(left, axis=1), axis.take(left, axis=1), weigh)
+        near = [(weighs[0], self.reach)] if self.reach < _REACH else []
+        for weigh, reach in (*near, *((weigh, _REACH) for weigh in weighs)):
+            mean = self._mean(parts, point.take(left, axis=1), axis.take(left, axis=1), weigh, reach)
             is_read = mean.weight > _LEAST_WEIGHT
             read = np.flatnonzero(is_read)
             for value, read_value in zip(values, mean.means(read), strict=True):
@@ -125,24 +138,26 @@ class _Samples:
             is_near &= depth > 0.0
         return np.flatnonzero(is_near)
 
-    def _mean(self, parts: Sequence[FloatArray], point: FloatArray, axis: FloatArray, weigh: _Weigh) -> _Mean:
+    def _mean(
+        self, parts: Sequence[FloatArray], point: FloatArray, axis: FloatArray, weigh: _Weigh, reach: int
+    ) -> _Mean:
         """Return the mean over the samples around points, each by its place on the image times a weight."""
         camera, (height, width) = self.camera, self.shape
         x, y, depth = camera.view_to_pixel(point.T)
         per_footprint = max(camera.fx, camera.fy) / (np.ones_like(x) if camera.is_orthographic else depth)
         mean = _Mean(x.size, parts)
         left, top = (np.floor(at - 0.5).astype(np.int64) for at in (x, y))
-        for down in range(1 - _REACH, _REACH + 1):
+        for down in range(1 - reach, reach + 1):
             row = top + down
-            row_kernel = _tent(row.astype(y.dtype) + 0.5 - y) * ((row >= 0) & (row < height))
-            for right in range(1 - _REACH, _REACH + 1):
+            row_kernel = _tent(row.astype(y.dtype) + 0.5 - y, reach) * ((row >= 0) & (row < height))
+            for right in range(1 - reach, reach + 1):
                 column = left + right
-                kernel = _tent(column.astype(x.dtype) + 0.5 - x) * ((column >= 0) & (column < width))
+                kernel = _tent(column.astype(x.dtype) + 0.5 - x, reach) * ((column >= 0) & (column < width))
                 texel = np.clip(row, 0, height - 1) * width + np.clip(column, 0, width - 1)
                 apart, other = self.position.take(texel, axis=1), self.normal.take(texel, axis=1)
                 apart -= point
                 cosine = axis[0] * other[0] + axis[1] * other[1] + axis[2] * other[2]
-                weight = weigh(apart, axis, np.maximum(cosine, 0.0), per_footprint)
+                weight = weigh(apart, axis, cosine, per_footprint)
                 mean.add(texel, weight * kernel * row_kernel)
         return mean
 
@@ -152,6 +167,7 @@ def _on_surface(
 ) -> FloatArray:
     """Return how far samples belong to the surfaces of points: by distance from their planes, and normals."""
     off_plane = np.abs(apart[0] * axis[0] + apart[1] * axis[1] + apart[2] * axis[2]) * per_footprint
+    cosine = np.maximum(cosine, 0.0)
     for _ in range(_NORMAL_SQUARINGS):
         cosine = cosine * cosine
     weight: FloatArray = cosine * np.maximum(1.0 - off_plane * (1.0 / _PLANE_WIDTH), 0.0)
@@ -163,7 +179,15 @@ def _in_space(
 ) -> FloatArray:
     """Return how near samples lie to points, as far as they do not look away."""
     distance = np.sqrt(apart[0] ** 2 + apart[1] ** 2 + apart[2] ** 2) * per_footprint
-    weight: FloatArray = cosine * np.maximum(1.0 - distance * (1.0 / _NEAR), 0.0)
+    weight: FloatArray = np.maximum(cosine, 0.0) * np.maximum(1.0 - distance * (1.0 / _NEAR), 0.0)
+    return weight
+
+
+def _on_image(
+    apart: FloatArray, axis: FloatArray, cosine: FloatArray, per_footprint: FloatArray
+) -> FloatArray:
+    """Return the same weight for all surfaces; background has no normal."""
+    weight: FloatArray = (cosine != 0.0).astype(cosine.dtype)
     return weight
 
 
@@ -185,6 +209,6 @@ class _Mean:
         return [total.take(chosen, axis=0) * inverse[:, None] for total in self.sums]
 
 
-def _tent(offset: FloatArray) -> FloatArray:
-    weight: FloatArray = np.maximum(1.0 - np.abs(offset) * (1.0 / _REACH), 0.0)
+def _tent(offset: FloatArray, reach: int) -> FloatArray:
+    weight: FloatArray = np.maximum(1.0 - np.abs(offset) * (1.0 / reach), 0.0)
     return weight

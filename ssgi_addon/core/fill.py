@@ -33,6 +33,8 @@ class Fill:
         Of the fill; it need not be the frame's.
     samples : (h, w) float32
         How many light paths each pixel is the mean of; a number stands for all pixels.
+    is_denoised
+        The light was cleaned already: by a denoiser that knows more of noise than our filter.
     """
 
     depth: FloatArray
@@ -41,6 +43,7 @@ class Fill:
     glossy: FloatArray
     camera: Camera
     samples: FloatArray | float = 1.0
+    is_denoised: bool = False
 
     def __post_init__(self) -> None:
         if not isinstance(self.camera, Camera):
@@ -98,8 +101,10 @@ class Fill:
         Raises
         ------
         ValueError
-            If there is none.
+            If there is none, or one is denoised: the mean of what is left of their noise is no cleaner.
         """
+        if any(fill.is_denoised for fill in fills):
+            raise ValueError("fills: expected noisy ones, to be denoised after they are merged")
         if not fills:
             raise ValueError("fills: expected at least one Fill, got none")
         *earlier, newest = fills

@@ -8,7 +8,7 @@ light wrong: the level lies between the two, nearer to the one whose error is sm
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +21,8 @@ from .denoise import filter_light
 from .fill import Fill
 from .gbuffer import GBuffer
 from .light import luminance
-from .types import FloatArray, IntArray
+from .scene import TraceScene
+from .types import BoolArray, FloatArray, IntArray
 
 # Passes of the filter that are blind to luminance: the last of three reaches 4 pixels of the fill.
 _LEVELS = 3
@@ -34,6 +35,10 @@ _BRIGHTEST = 8.0
 # Squared error of answered light, in units of that of a fill with one sample: what the unknown share,
 # squared, makes of it, and what all else does.
 _UNKNOWN_ERROR, _LEAST_ERROR = 3.0, 0.13
+# The same of a denoised fill: of one sample, and what stays of it with many, since its pixels are large.
+_DENOISED_ERROR, _COARSE_ERROR = 0.125, 0.05
+# A fill of so many of its pixels to one of the frame's is read between the four nearest.
+_FINE = 2.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +103,69 @@ def set_level(
     return levelled
 
 
+def light_of_fill(
+    fill: Fill,
+    target: tuple[GBuffer, Camera],
+    pixel: IntArray,
+    threads: int | None,
+    *,
+    is_loose: bool = False,
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Return the fill's diffuse and glossy light (P, 3) at pixels of a view, and where (P,) it has some.
+
+    Parameters
+    ----------
+    fill
+        Of the same world, from any place.
+    target
+        The view: G-buffer and camera.
+    pixel : (P,)
+        Flat indices of surfaces in it.
+    threads
+        Worker threads.
+    is_loose
+        As in `carry_over`.
+    """
+    parts = [image.reshape(-1, 3) for image in (fill.diffuse, fill.glossy)]
+    reach = 1 if target[0].shape[0] <= _FINE * fill.shape[0] else None
+    source = fill.surfaces, fill.camera
+    (diffuse, glossy), is_found = carry_over(
+        parts, source, target, pixel, threads, is_loose=is_loose, reach=reach
+    )
+    return diffuse, glossy, is_found
+
+
+def handed_on_by_fill(
+    fill: Fill, scene: TraceScene, images: Mapping[str, FloatArray], threads: int | None
+) -> FloatArray:
+    """Return the indirect light (texels + 1, 3) that the pixels of all views hand on to mirrors.
+
+    Parameters
+    ----------
+    fill, threads
+        As in `light_of_fill`.
+    scene
+        The frame, and views whose light is the fill's where that sees them, else the mean of it.
+    images
+        The frame's diffuse and glossy light, by name.
+    """
+    handed_on = np.zeros((scene.texels + 1, 3), dtype=scene.dtype)
+    lit = np.flatnonzero(~fill.surfaces.is_background)
+    ambient = fill.diffuse.reshape(-1, 3).take(lit, axis=0).mean(axis=0) if lit.size else 0.0
+    for home, view in enumerate(scene.views):
+        front = view.layers[0]
+        texels = handed_on[scene.front_texels(home)]
+        if home == 0:
+            for name, color in (("diffuse", front.albedo), ("glossy", front.specular)):
+                texels += (images[name] * color).reshape(-1, 3)
+            continue
+        pixel = np.flatnonzero(~front.is_background)
+        diffuse, _, is_found = light_of_fill(fill, (front, view.camera), pixel, threads)
+        diffuse = np.where(is_found[:, None], diffuse, ambient)
+        texels[pixel] = front.bounce_albedo.reshape(-1, 3).take(pixel, axis=0) * diffuse
+    return handed_on
+
+
 def _moves(answered: Answered, frame: tuple[GBuffer, Camera], fill: Fill, threads: int | None) -> FloatArray:
     """Return how light has to move at the fill's pixels (h * w, 7).
 
@@ -109,6 +177,10 @@ def _moves(answered: Answered, frame: tuple[GBuffer, Camera], fill: Fill, thread
     if texel.size:
         raw = answered.traced.reshape(-1, 3).take(texel, axis=0)
         samples = np.asarray(fill.samples).reshape(-1).take(texel)
+        if fill.is_denoised:
+            error = _DENOISED_ERROR / samples + _COARSE_ERROR
+            _set_moves(image, texel, level, raw, _trust(error, share[:, 0], passes))
+            return image
         levels = _LEVELS + int(samples.min() < _FEW_SAMPLES)
         passes = np.minimum(passes, levels)
 
@@ -123,23 +195,30 @@ def _moves(answered: Answered, frame: tuple[GBuffer, Camera], fill: Fill, thread
         limited = _without_fireflies(raw, mean)
         most = min(levels + _LUMINANCE_LEVELS, _MOST_LEVELS)
         (mean,) = smooth([limited], luminance(limited - mean) ** 2, np.where(passes < levels, passes, most))
-        target = level + (mean - level) * _trust(samples, share[:, 0], passes)[:, None]
-        image[texel, :3] = np.maximum(target - level, 0.0)
-        image[texel, 3:6] = np.maximum(level - target, 0.0) / np.maximum(level, np.float32(1e-20))
-        image[texel, 6] = 1.0
+        _set_moves(image, texel, level, mean, _trust(1.0 / samples, share[:, 0], passes))
     return image
 
 
-def _trust(samples: FloatArray, known: FloatArray, passes: NDArray[np.integer[Any]] | int) -> FloatArray:
-    """Return the weight (N,) of a fill beside answered light: inverse to their squared errors.
+def _set_moves(
+    image: FloatArray, texel: IntArray, level: FloatArray, mean: FloatArray, trust: FloatArray
+) -> None:
+    """Write into `image` how light at a level (T, 3) moves toward the mean that is trusted (T,) so far."""
+    target = level + (mean - level) * trust[:, None]
+    image[texel, :3] = np.maximum(target - level, 0.0)
+    image[texel, 3:6] = np.maximum(level - target, 0.0) / np.maximum(level, np.float32(1e-20))
+    image[texel, 6] = 1.0
+
+
+def _trust(error: FloatArray, known: FloatArray, passes: NDArray[np.integer[Any]] | int) -> FloatArray:
+    """Return the weight (N,) of a fill of a squared error beside answered light: inverse to both errors.
 
     A fill that fewer passes smooth is noisier, four times for each: what sharp mirrors show is as the rays
     found it, where they found it.
     """
     unknown = np.maximum(1.0 - known, 0.0)
-    smoothed = np.asarray(0.25 ** np.maximum(_LEVELS - passes, 0), dtype=samples.dtype)
-    weight: FloatArray = samples * (_UNKNOWN_ERROR * unknown * unknown + _LEAST_ERROR * smoothed)
-    return weight / (1.0 + weight)
+    smoothed = np.asarray(0.25 ** np.maximum(_LEVELS - passes, 0), dtype=error.dtype)
+    answered: FloatArray = _UNKNOWN_ERROR * unknown * unknown + _LEAST_ERROR * smoothed
+    return answered / (answered + error)
 
 
 def _at_fill(

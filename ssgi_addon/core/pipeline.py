@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +17,17 @@ from .camera import Camera
 from .denoise import filter_light
 from .environment import Environment
 from .fill import Fill
-from .fill_level import Answered, set_level
+from .fill_level import Answered, handed_on_by_fill, light_of_fill, set_level
 from .gbuffer import GBuffer
 from .light import IndirectLight, fill_unknown, luminance
 from .planner import Plan, plan_passes
 from .scene import TraceScene, View
 from .settings import Settings
+from .silhouettes import find_silhouettes, without_outliers
 from .types import FloatArray, IntArray
 
+# How diffuse rays are taken where a fill brings the light.
+_FOR_VISIBILITY: dict[str, Any] = {"resolution": "quarter", "rays": 4, "bounces": 1, "adaptive": 0.0}
 # Width of the part of a lobe that holds most of its light, per unit of distance and of alpha.
 _BLUR_PER_ALPHA = 1.0
 # Roughness from which lobes take one filter pass, two, and so on.
@@ -63,20 +67,11 @@ def render_indirect(
         If an argument is of the wrong type, or G-buffer and camera differ in size.
     """
     _check_types(gbuffer, camera, settings, environment, views, fill)
-    run = _Run(gbuffer, camera, settings, environment, progress)
-    plan = run.plan
-    walk = "hierarchical" if plan.diffuse.size else settings.reflections.method
-    with run.timed("pyramid"):
-        run.scene = TraceScene(gbuffer, camera, views, settings, method=walk)
-    with run.timed("diffuse"):
-        run.trace_diffuse(plan.diffuse)
-    with run.timed("reflections"):
-        if settings.reflections.method != walk and plan.reflections.size:
-            run.scene = TraceScene(gbuffer, camera, views, settings, method=settings.reflections.method)
-        run.trace_reflections(plan.reflections)
-    if fill is not None:
-        with run.timed("fill"):
-            run.fill_in(fill)
+    run = _Run(gbuffer, camera, settings, environment, progress, fill)
+    if run.plan.is_filled:
+        run.take_fill(views)
+    else:
+        run.take_rays(views)
     run.report(1.0, "Done")
     return run.result()
 
@@ -115,12 +110,16 @@ class _Run:
         settings: Settings,
         environment: Environment | None,
         progress: parallel.Progress | None,
+        fill: Fill | None,
     ) -> None:
         self.gbuffer, self.camera, self.settings, self.environment = gbuffer, camera, settings, environment
-        self.progress = progress
+        self.progress, self.fill = progress, fill
         # Images of the result by name, each made once there is light for it
         self.images: dict[str, FloatArray] = {}
-        self.plan = plan_passes(gbuffer, settings, environment)
+        is_clean = fill is not None and fill.is_denoised
+        self.plan = plan_passes(gbuffer, settings, environment, has_clean_fill=is_clean)
+        # What the pixels of all views hand on to mirrors beside their source
+        self.handed_on: FloatArray | None = None
         # What rays over the hemisphere look up where they escape
         self.dim_sky = self.plan.bright_sky.rest if self.plan.bright_sky else environment
         self.seconds: dict[str, float] = {}
@@ -137,10 +136,48 @@ class _Run:
     def timed(self, name: str) -> _Timer:
         return _Timer(self.seconds, name)
 
-    def trace_diffuse(self, pixels: IntArray) -> None:
+    def take_rays(self, views: Sequence[View]) -> None:
+        """Find the light by rays; a fill sets its level."""
+        plan, method = self.plan, self.settings.reflections.method
+        walk = "hierarchical" if plan.diffuse.size else method
+        self._build_scene(views, walk)
+        with self.timed("diffuse"):
+            self._trace_diffuse(plan.diffuse)
+        with self.timed("reflections"):
+            if method != walk and plan.reflections.size:
+                self._build_scene(views, method)
+            self._keep_rough()
+            self._trace_reflections(plan.reflections)
+        if self.fill is not None:
+            with self.timed("fill"):
+                self._level(self.fill)
+
+    def take_fill(self, views: Sequence[View]) -> None:
+        """Take the light of the fill, and trace what is reflected more sharply."""
+        assert self.fill is not None
+        seen, mirrors = self.plan.diffuse, self.plan.reflections
+        with self.timed("fill"):
+            self._spread(self.fill)
+        if seen.size and self.settings.visibility:
+            self._build_scene(views, "hierarchical")
+            with self.timed("diffuse"):
+                self._trace_visibility(seen)
+        if mirrors.size:
+            self._build_scene(views, self.settings.reflections.method)
+            with self.timed("reflections"):
+                self.handed_on = handed_on_by_fill(self.fill, self.scene, self.images, self.settings.threads)
+                self._trace_reflections(mirrors)
+        with self.timed("fill"):
+            is_silhouette = find_silhouettes(self.gbuffer, self.camera)
+            for name, color in (("diffuse", self.gbuffer.albedo), ("glossy", self.gbuffer.specular)):
+                self.images[name] = without_outliers(self.images[name], color, is_silhouette)
+
+    def _build_scene(self, views: Sequence[View], method: str) -> None:
+        with self.timed("pyramid"):
+            self.scene = TraceScene(self.gbuffer, self.camera, views, self.settings, method=method)
+
+    def _trace_diffuse(self, pixels: IntArray) -> None:
         """Make diffuse, environment_diffuse, visibility and known_diffuse, and keep what mirrors show."""
-        # What hits hand on with their source
-        self.handed_on: FloatArray | None = None
         if not pixels.size:
             return
         work = DiffusePass(
@@ -154,17 +191,29 @@ class _Run:
         self._keep("visibility", pixels, light.visibility, elsewhere=1.0)
         self._keep("known_diffuse", pixels, light.known, elsewhere=1.0)
         if self.plan.reflections.size:
-            self.handed_on = work.handed_on()
+            self.handed_on = self.scene.table("bounce_albedo") * work.handed_on()
 
-    def trace_reflections(self, pixels: IntArray) -> None:
+    def _trace_visibility(self, pixels: IntArray) -> None:
+        """Make visibility and known_diffuse by rays that bring no light: few are enough for both."""
+        diffuse = replace(self.settings.diffuse, **_FOR_VISIBILITY)
+        settings = replace(self.settings, diffuse=diffuse)
+        work = DiffusePass(self.scene, settings, None, None, self._advance, is_reflected=False)
+        light = work.trace(pixels)
+        self.rays |= work.rays
+        self._keep("visibility", pixels, light.visibility, elsewhere=1.0)
+        self._keep("known_diffuse", pixels, light.known, elsewhere=1.0)
+        # Lobes so wide know about as much as the hemisphere
+        known = self.images["known_diffuse"].reshape(-1).take(self.plan.glossy)
+        self._keep("known_glossy", self.plan.glossy, known, elsewhere=1.0)
+
+    def _trace_reflections(self, pixels: IntArray) -> None:
         """Make glossy and known_glossy."""
-        self._keep_rough()
         if not pixels.size:
             return
         settings = self.settings
         source = self.scene.table("reflection_source")
         if self.handed_on is not None:
-            source += self.scene.table("bounce_albedo") * self.handed_on
+            source += self.handed_on
             self.handed_on = None
         found = reflections.reflect_light(
             self.scene, source, self.environment, settings, pixels,
@@ -172,7 +221,11 @@ class _Run:
         )  # fmt: skip
         self.rays["reflections"] = found.rays
         self._keep("known_glossy", pixels, found.known, elsewhere=1.0)
-        parts = [fill_unknown(found.radiance, found.known, settings.reflections.rays, settings.unknown)]
+        if self.plan.is_filled:
+            around = self.images["glossy"].reshape(-1, 3).take(pixels, axis=0)
+            parts = [found.radiance + np.maximum(1.0 - found.known, 0.0)[:, None] * around]
+        else:
+            parts = [fill_unknown(found.radiance, found.known, settings.reflections.rays, settings.unknown)]
         if settings.reflections.filter:
             levels, variance = self._lobe_levels(pixels, found.distance), found.variance
             del source, found  # as large as all that the filter needs
@@ -188,7 +241,19 @@ class _Run:
         self._keep("glossy", pixels, diffuse.reshape(-1, 3).take(pixels, axis=0))
         self._keep("known_glossy", pixels, known.reshape(-1).take(pixels), elsewhere=1.0)
 
-    def fill_in(self, fill: Fill) -> None:
+    def _spread(self, fill: Fill) -> None:
+        """Make diffuse and glossy of a fill alone; no ray knows of it."""
+        self.report(0.05, "Fill")
+        kinds = {"diffuse": self.plan.diffuse, "glossy": self.plan.glossy}
+        needed = np.union1d(*kinds.values())
+        frame, threads = (self.gbuffer, self.camera), self.settings.threads
+        *lights, _ = light_of_fill(fill, frame, needed, threads, is_loose=True)
+        for (name, pixels), light in zip(kinds.items(), lights, strict=True):
+            slots = slice(None) if pixels.size == needed.size else np.searchsorted(needed, pixels)
+            self._keep(name, pixels, light[slots])
+            self._keep(f"known_{name}", pixels, np.zeros(pixels.size, np.float32), elsewhere=1.0)
+
+    def _level(self, fill: Fill) -> None:
         """Bring diffuse and glossy light to the level of a fill."""
         self.report(0.95, "Fill")
         frame = self.gbuffer, self.camera
@@ -297,4 +362,5 @@ class _Timer:
         self.begun = time.perf_counter()
 
     def __exit__(self, *_: object) -> None:
-        self.seconds[self.name] = time.perf_counter() - self.begun
+        spent = time.perf_counter() - self.begun
+        self.seconds[self.name] = self.seconds.get(self.name, 0.0) + spent

@@ -27,11 +27,13 @@ class Plan:
     diffuse, reflections : (P,) int64
         The pixels that take diffuse rays, and those that take reflection rays.
     rough : (P,) int64
-        Pixels whose glossy light is their diffuse light.
+        Pixels whose glossy light is their diffuse light, or the fill's where that brings the light.
     skipped
         What is left out, as (what, why).
     bright_sky
         The part of the environment that diffuse light samples with rays of its own, if any.
+    is_filled
+        A fill brings the light, and diffuse rays tell the visibility at most.
     """
 
     diffuse: IntArray
@@ -39,6 +41,7 @@ class Plan:
     rough: IntArray
     skipped: tuple[tuple[str, str], ...]
     bright_sky: BrightSky | None = None
+    is_filled: bool = False
 
     @property
     def glossy(self) -> IntArray:
@@ -49,8 +52,14 @@ class Plan:
         return np.sort(np.concatenate([self.reflections, self.rough]), kind="stable")
 
 
-def plan_passes(gbuffer: GBuffer, settings: Settings, environment: Environment | None) -> Plan:
-    """Decide which pixels of a frame need which rays, and say what is left out."""
+def plan_passes(
+    gbuffer: GBuffer, settings: Settings, environment: Environment | None, *, has_clean_fill: bool = False
+) -> Plan:
+    """Decide which pixels of a frame need which rays, and say what is left out.
+
+    A clean fill is a denoised one: only that brings light in place of rays.
+    """
+    is_filled = has_clean_fill and settings.fill_mode == "replace"
     is_surface = ~gbuffer.is_background
     surfaces = int(np.count_nonzero(is_surface))
     skipped: list[tuple[str, str]] = []
@@ -72,23 +81,29 @@ def plan_passes(gbuffer: GBuffer, settings: Settings, environment: Environment |
             skipped.append((name, "no surface in the frame has such a colour"))
         elif left_out:
             skipped.append((f"{name} of {left_out} pixels", "their colour is black"))
-    is_rough = _is_rough(gbuffer, settings, chosen["diffuse"], chosen["reflections"])
+    if is_filled:
+        is_rough = chosen["reflections"] & (gbuffer.roughness > settings.filled_roughness)
+        if not settings.visibility:
+            skipped.append(("diffuse rays, visibility", "switched off, and the fill brings the light"))
+    else:
+        is_rough = _is_rough(gbuffer, settings, chosen["diffuse"], chosen["reflections"])
     reflections, rough = np.flatnonzero(chosen["reflections"] & ~is_rough), np.flatnonzero(is_rough)
     if rough.size:
         what = f"reflections of {rough.size} pixels" if reflections.size else "reflections"
-        skipped.append((what, "rougher than the cutoff: they take the diffuse light"))
+        light = "the fill's" if is_filled else "the diffuse"
+        skipped.append((what, f"rougher than the cutoff: they take {light} light"))
     if surfaces < is_surface.size:
         skipped.append((f"{is_surface.size - surfaces} pixels", "background"))
     if environment is None:
         skipped.append(("environment light", "none given, or the direct light already holds it"))
     diffuse, bright_sky = np.flatnonzero(chosen["diffuse"]), None
-    if environment is not None and diffuse.size:
+    if environment is not None and diffuse.size and not is_filled:
         bright_sky = BrightSky.of(environment) if settings.diffuse.sky_rays else None
         if not settings.diffuse.sky_rays:
             skipped.append(("bright sky rays", "switched off"))
         elif bright_sky is None:
             skipped.append(("bright sky rays", "no part of the environment is much brighter than its mean"))
-    return Plan(diffuse, reflections, rough, tuple(skipped), bright_sky)
+    return Plan(diffuse, reflections, rough, tuple(skipped), bright_sky, is_filled)
 
 
 def _is_rough(gbuffer: GBuffer, settings: Settings, is_diffuse: BoolArray, is_glossy: BoolArray) -> BoolArray:

@@ -7,7 +7,7 @@ The Blender properties, the command-line options and the documentation are made 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -21,10 +21,14 @@ def option(
     min: float | None = None,
     max: float | None = None,
     soft_max: float | None = None,
-    choices: Sequence[str] | None = None,
+    choices: Mapping[str, str] | None = None,
     methods: Sequence[str] | None = None,
 ) -> Any:
-    """Declare one setting of a settings dataclass; `methods` are those that it is for, None means all."""
+    """Declare one setting of a settings dataclass.
+
+    `choices` maps the values that may be chosen to their help texts; `methods` are those methods that the
+    setting is for, None means all.
+    """
     metadata = {
         "label": label,
         "help": help,
@@ -33,6 +37,7 @@ def option(
         "max": max,
         "soft_max": soft_max,
         "choices": None if choices is None else tuple(choices),
+        "choice_help": dict(choices or {}),
         "methods": None if methods is None else tuple(methods),
     }
     return field(default=default, metadata=metadata)
@@ -76,10 +81,13 @@ class ReflectionSettings:
     enabled: bool = option(True, "Trace reflection rays", label="Reflections")
     method: str = option(
         "hierarchical",
-        "How rays walk the depth buffer: pixel by pixel, by a pyramid of nearest depths, or by one of the "
-        "nearest and the farthest ones. All find the same hits; the last is the fastest",
+        "Way in which rays walk the depth buffer. Without steps of their own all find the same hits",
         label="Method",
-        choices=("linear", "min_z", "hierarchical"),
+        choices={
+            "linear": "Look into pixel by pixel, or take steps",
+            "min_z": "Skip empty space by a pyramid of nearest depths",
+            "hierarchical": "Skip by a pyramid of nearest and farthest depths, the fastest",
+        },
     )
     march_step: float = option(
         0.0,
@@ -111,10 +119,14 @@ class ReflectionSettings:
     )
     resolution: str = option(
         "full",
-        "Rays for every pixel, or for every 2 x 2 or 4 x 4 pixels; the pixels between take the rays around "
-        "them by their own depth, normal and roughness. Mirrors are always traced in full",
+        "Pixels that trace rays; those between take the rays around them by their own depth, normal and "
+        "roughness. Mirrors are always traced in full",
         label="Resolution",
-        choices=("full", "half", "quarter"),
+        choices={
+            "full": "Trace rays from every pixel",
+            "half": "Trace rays from one of every 2 x 2 pixels",
+            "quarter": "Trace rays from one of every 4 x 4 pixels",
+        },
     )
     roughness_tiers: bool = option(
         False,
@@ -131,7 +143,7 @@ class ReflectionSettings:
     )
     reuse: int = option(
         4,
-        "Neighbouring pixels whose rays each pixel takes too, weighted by its own lobe",
+        "Neighboring pixels whose rays each pixel takes too, weighted by its own lobe",
         label="Reuse",
         unit="pixels",
         min=0,
@@ -144,15 +156,15 @@ class ReflectionSettings:
         label="Cone Footprint",
     )
     subpixel: bool = option(
-        True, "Read what a ray finds between pixels, not at the nearest one's centre", label="Subpixel Hits"
+        True, "Read what a ray finds between pixels, not at the nearest one's center", label="Subpixel Hits"
     )
     exact_mirrors: bool = option(
-        True, "Mirrors take one exact ray; otherwise very narrow lobes", label="Exact Mirrors"
+        True, "Trace one exact ray from mirrors; otherwise they have very narrow lobes", label="Exact Mirrors"
     )
     elongation: bool = option(
         True,
-        "Reflections stretch toward the viewer at grazing angles, as those of microfacets do; otherwise "
-        "lobes are round",
+        "Stretch reflections toward the viewer at grazing angles, as microfacets do; "
+        "otherwise lobes are round",
         label="Elongation",
     )
     edge_fade: float = option(
@@ -165,7 +177,7 @@ class ReflectionSettings:
     )
     hidden_light: float = option(
         0.0,
-        "What rays bring that end behind something, as a fraction of what the pixel's other rays find",
+        "Light of rays that end behind something, as a fraction of what the pixel's other rays find",
         label="Hidden Light",
         min=0.0,
         max=1.0,
@@ -190,11 +202,14 @@ class DiffuseSettings:
     enabled: bool = option(True, "Trace diffuse rays", label="Diffuse")
     method: str = option(
         "hemisphere",
-        "How the hemisphere above each pixel is sampled: by rays that are followed to what they meet; by "
-        "slices, below a horizon (everything is infinitely thick) or in sectors that single things cover; "
-        "or by points that lie within surfaces or not, which tell visibility alone",
+        "Way in which the hemisphere above each pixel is sampled",
         label="Method",
-        choices=("hemisphere", "horizon", "bitmask", "ssao"),
+        choices={
+            "hemisphere": "Follow rays to what they meet",
+            "horizon": "March slices of the hemisphere up to a horizon: everything is infinitely thick",
+            "bitmask": "March slices of the hemisphere, in sectors that single things cover",
+            "ssao": "Test points for whether they lie within surfaces: visibility alone, no light",
+        },
     )
     rays: int = option(
         2,
@@ -217,10 +232,14 @@ class DiffuseSettings:
     )
     resolution: str = option(
         "full",
-        "Samples at every pixel, or at one of every 2 x 2 or 4 x 4 pixels; the pixels between take what is "
-        "around them by their own depth and normal, and what has nothing on its own surface is sampled too",
+        "Pixels that are sampled; those between take what is around them by their own depth and normal, and "
+        "what has nothing on its own surface is sampled too",
         label="Resolution",
-        choices=("full", "half", "quarter"),
+        choices={
+            "full": "Sample every pixel",
+            "half": "Sample one of every 2 x 2 pixels",
+            "quarter": "Sample one of every 4 x 4 pixels",
+        },
         methods=("hemisphere", "ssao"),
     )
     traced: bool = option(
@@ -232,7 +251,7 @@ class DiffuseSettings:
     )
     radius: float = option(
         0.2,
-        "How far points lie that are tested, at most, relative to the surface's distance from the camera "
+        "Largest distance of the points that are tested, relative to the surface's distance from the camera "
         "(orthographic: to the width of the view); for ssao, and for a hemisphere that is not traced",
         label="Radius",
         min=1e-4,
@@ -262,7 +281,7 @@ class DiffuseSettings:
     )
     bounces: int = option(
         6,
-        "How often light is reflected before it reaches the visible surface; "
+        "Number of times that light is reflected before it reaches the visible surface; "
         "1 is light that was reflected once",
         label="Bounces",
         min=1,
@@ -295,10 +314,36 @@ class Settings:
     diffuse: DiffuseSettings = field(default_factory=DiffuseSettings)
     unknown: str = option(
         "environment",
-        "What a sample brings that the frame cannot answer: the environment's light, nothing, "
-        "or the mean of the answered ones",
+        "Light of samples that neither the frame nor another view can answer",
         label="Unknown",
-        choices=("environment", "nothing", "mean"),
+        choices={
+            "environment": "Take the environment's light",
+            "nothing": "Take no light",
+            "mean": "Take the mean of the samples that were answered",
+        },
+    )
+    fill_mode: str = option(
+        "level",
+        "What a fill is for",
+        label="Fill Mode",
+        choices={
+            "level": "Rays find the light everywhere, and the fill sets its level",
+            "replace": "A denoised fill brings the light; rays are left to sharp reflections and visibility",
+        },
+    )
+    filled_roughness: float = option(
+        0.2,
+        "Where a fill brings the light, surfaces rougher than this trace no reflection rays and take the "
+        "fill's glossy light. 1 traces them all",
+        label="Filled from Roughness",
+        min=0.0,
+        max=1.0,
+    )
+    visibility: bool = option(
+        True,
+        "Where a fill brings the light, trace a few diffuse rays all the same, for the visibility and for "
+        "what is known",
+        label="Visibility",
     )
     thickness: float = option(
         0.1,
@@ -310,12 +355,16 @@ class Settings:
         soft_max=1.0,
     )
     max_distance: float = option(
-        math.inf, "How far rays reach, in scene units", label="Distance", unit="scene units", min=0.0
+        math.inf,
+        "Distance that rays reach, in scene units",
+        label="Distance",
+        unit="scene units",
+        min=0.0,
+        soft_max=1000.0,
     )
     max_steps: int | None = option(
         None,
-        "Cells of the depth pyramid that a ray may look at; one that is not done by then brings no answer. "
-        "Empty means as many as it takes",
+        "Cells of the depth pyramid that a ray may look at; one that is not done by then brings no answer",
         label="Steps",
         min=1,
         max=1_000_000,
@@ -323,7 +372,7 @@ class Settings:
     seed: int = option(0, "Seed of the sampling pattern", label="Seed", min=0, max=2**31 - 1)
     threads: int | None = option(
         None,
-        "Worker threads; empty means all cores. Never changes a result",
+        "Worker threads; their number never changes a result",
         label="Threads",
         min=1,
         max=1024,
@@ -361,16 +410,20 @@ class Settings:
         )
 
 
-# What presets change: points on the frontier of error against time over nine real scenes together (ADR 21).
+# What presets change: points on the frontier of error against time over real scenes together (ADR 21, 22).
 PRESETS: dict[str, dict[str, Any]] = {
     "draft": {
         "diffuse": {"resolution": "quarter", "rays": 4, "bounces": 6},
         "reflections": {"rays": 1, "roughness_cutoff": 0.7},
+        "fill_mode": "replace",
+        "filled_roughness": 0.0,
+        "visibility": False,
         "max_steps": 96,
     },
     "balanced": {
         "diffuse": {"rays": 2, "bounces": 6},
         "reflections": {"rays": 1, "roughness_cutoff": 0.7},
+        "fill_mode": "replace",
     },
     "final": {
         "diffuse": {"rays": 32, "bounces": 8},

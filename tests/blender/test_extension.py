@@ -114,37 +114,3 @@ bpy.ops.wm.open_mainfile(filepath=str(out / "scene.blend"))
 result = [fresh, bpy.context.scene.ssgi.diffuse.rays]
 """
     assert extension.run(script, tmp_path) == [DiffuseSettings().rays, 33]
-
-
-def test_panels_draw_existing_properties(extension, tmp_path):
-    script = """
-class Layout:
-    \"\"\"Takes the calls of a panel and looks up each property and operator that it names.\"\"\"
-    def prop(self, data, name, **_):
-        result.append(name)
-        getattr(data, name)
-    def operator(self, name, **_):
-        getattr(bpy.ops.ssgi, name.partition(".")[2]).get_rna_type()
-        return type("Properties", (), {})()
-    def label(self, **_): pass
-    def column(self, **_): return self
-    row = column
-
-result = []
-for name in ("main", "beyond", "diffuse", "reflections", "advanced", "output"):
-    panel = getattr(bpy.types, f"SSGI_PT_{name}")
-    self = type("Self", (), {"layout": Layout(), "draw_settings": panel.draw_settings})()
-    self.draw_settings = panel.draw_settings.__get__(self)
-    panel.draw(self, bpy.context)
-    if hasattr(panel, "draw_header"):
-        panel.draw_header(self, bpy.context)
-"""
-    drawn = extension.run(script, tmp_path)
-    assert sorted(name for name in set(drawn) if drawn.count(name) > 1) == [
-        "enabled",
-        "filter",
-        "method",
-        "rays",
-        "resolution",
-    ]
-    assert {"preset", "surround", "rays", "thickness", "output"} <= set(drawn)

@@ -13,6 +13,7 @@ bpy = pytest.importorskip("bpy")
 
 from ssgi_addon.blender.build import add_box, add_camera, new_material
 from ssgi_addon.blender.capture import CaptureOptions, capture_frame
+from ssgi_addon.blender.fill import denoised_fill
 from ssgi_addon.core import Settings, composite
 from ssgi_addon.core.fill import Fill
 from ssgi_addon.frame import CapturedFrame
@@ -23,8 +24,10 @@ from tests.blender.opengl import needs_opengl
 from tests.scenes import build_closed_room, new_scene
 from tests.tolerances import (
     CAPTURED_GEOMETRY,
+    DENOISED_FILL,
     FILLED_PICTURE,
     FURNACE_OF_CYCLES,
+    PASS_SUM_RELATIVE,
     REPROJECTED_PX,
     SURROUND_DEPTH,
     UNIT_NORMAL,
@@ -66,6 +69,57 @@ def test_pixel_of_a_fill_stands_for_four_of_the_frame_each_way(room, size):
     stride = frame.camera.fx / fill.camera.fx
     assert abs(stride * max(fill.shape) - max(size)) < 4.0
     np.testing.assert_array_equal(fill.samples, 4.0)
+
+
+def test_denoised_fill_is_finer_and_has_less_noise(room):
+    """As many light paths over four times as many pixels; what the denoiser leaves is not their noise."""
+    options = replace(OPTIONS, resolution=(128, 80))
+    truth = fill_in(room, replace(options, fill=1024))[1]
+    _, noisy = fill_in(room, options)
+    frame, clean = fill_in(room, replace(options, denoise_fill=True))
+    assert (noisy.is_denoised, clean.is_denoised) == (False, True)
+    assert clean.shape == (40, 64)
+    np.testing.assert_array_equal(clean.samples, 1.0)
+    blocks = clean.diffuse.reshape(20, 2, 32, 2, 3).mean(axis=(1, 3))
+    error = [np.square(light - truth.diffuse).mean() for light in (noisy.diffuse, blocks)]
+    assert error[1] < DENOISED_FILL * error[0]
+    assert frame.fill is clean
+
+
+def test_fill_of_few_paths_stays_coarse(room):
+    """There is no fourth of a sample."""
+    _, fill = fill_in(room, replace(OPTIONS, fill=3, denoise_fill=True))
+    assert fill.shape == (5, 8)
+    np.testing.assert_array_equal(fill.samples, 3.0)
+    assert fill.is_denoised
+
+
+def test_glossy_light_that_nothing_takes_is_left_alone(room):
+    _, noisy = fill_in(room)
+    clean = denoised_fill(room, noisy, has_glossy=False)
+    np.testing.assert_array_equal(clean.glossy, noisy.glossy)
+    assert not np.array_equal(clean.diffuse, noisy.diffuse)
+
+
+def test_light_that_is_not_split_is_what_surfaces_show(room):
+    """Emission is none of it: emitters are lamps already."""
+    frame = capture_frame(
+        room, replace(OPTIONS, fill=0, own_geometry=False, splits_light=False, keep_passes=False)
+    )
+    assert "Diffuse Direct" not in frame.layers
+    shown = np.maximum(frame.layers["Combined"] - frame.layers["Emission"], 0.0)
+    np.testing.assert_allclose(frame.gbuffer.reflection_source, shown, rtol=PASS_SUM_RELATIVE)
+    np.testing.assert_allclose(frame.gbuffer.diffuse_source, shown, rtol=PASS_SUM_RELATIVE)
+
+
+def test_bounces_that_are_off_in_the_scenes_own_renders_are_on_in_a_fill(room):
+    """Who takes the light from our layers switches Cycles' own off, and renders again."""
+    _, fill = fill_in(room)
+    room.cycles.diffuse_bounces = room.cycles.glossy_bounces = 0
+    _, again = fill_in(room)
+    assert fill.diffuse.max() > 0.0
+    np.testing.assert_array_equal(again.diffuse, fill.diffuse)
+    assert room.cycles.diffuse_bounces == room.cycles.glossy_bounces == 0
 
 
 def test_geometry_is_that_of_the_pixels_centres(room):

@@ -205,7 +205,8 @@ def test_surround_answers_what_the_frame_cannot(room, options):
 
 def test_fill_costs_seconds_and_does_not_count_as_known(room, options):
     alone = render_frame(room, options).record
-    filled = render_frame(room, replace(options, fill=1, overwrite=True)).record
+    settings = replace(options.settings, fill_mode="level")
+    filled = render_frame(room, replace(options, settings=settings, fill=1, overwrite=True)).record
     assert "fill" not in alone["seconds"]
     assert filled["seconds"]["fill"] > 0.0
     assert filled["known"] == alone["known"]

@@ -57,6 +57,14 @@ def test_given_bounces_replace_those_of_the_scene(room):
     assert two.diffuse_indirect.mean() > 1.1 * one.diffuse_indirect.mean()
 
 
+def test_bounces_that_are_off_in_the_scenes_own_renders_are_on_in_the_reference(room):
+    with_light = render_reference(room, FEW)
+    room.cycles.diffuse_bounces = room.cycles.glossy_bounces = 0
+    again = render_reference(room, FEW)
+    assert with_light.diffuse_indirect.max() > 0.0
+    np.testing.assert_array_equal(again.combined, with_light.combined)
+
+
 def test_seed_alone_decides_the_noise(room):
     room.cycles.seed = 7
     room.cycles.use_animated_seed = True

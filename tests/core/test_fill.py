@@ -14,6 +14,7 @@ from ssgi_addon.surface_light import limit_fireflies
 from tests.core.synthetic import Plane, capture, look_at, make_settings, random_gbuffer, uniform_gbuffer
 from tests.tolerances import (
     CARRIED_FROM_ELSEWHERE,
+    FEW_VISIBILITY_RAYS,
     FILLED_FURNACE,
     FILTER_RELATIVE,
     FIREFLY,
@@ -342,6 +343,125 @@ def test_wrong_fill_is_named(corner):
         Fill.merged([])
 
 
+# --- A fill in place of rays ------------------------------------------------------------------------------
+
+
+def replacing(**changes):
+    return make_settings(rays=4, glossy_rays=1, fill_mode="replace", **changes)
+
+
+def clean_fill_of(surfaces, camera: Camera, **light) -> Fill:
+    return replace(fill_of(surfaces, camera, **light), is_denoised=True)
+
+
+def test_fill_brings_the_light_where_no_ray_is_taken(corner):
+    fill = clean_fill_of([FLOOR, WALL], camera_of((32, 24)), diffuse=0.7, glossy=0.3)
+    light = render_indirect(*corner, replacing(visibility=False), fill=fill)
+    surface = ~corner[0].is_background
+    np.testing.assert_allclose(light.diffuse[surface], 0.7, rtol=FILTER_RELATIVE)
+    np.testing.assert_allclose(light.glossy[surface], 0.3, rtol=FILTER_RELATIVE)
+    assert not light.known[surface].any()
+    assert not any(light.rays.values())
+    assert any("the fill brings the light" in why for _, why in light.skipped)
+
+
+def test_visibility_is_traced_beside_a_fill_and_changes_no_light(corner):
+    fill = clean_fill_of([FLOOR, WALL], camera_of((32, 24)), diffuse=0.7, glossy=0.3)
+    without = render_indirect(*corner, replacing(visibility=False), fill=fill)
+    light = render_indirect(*corner, replacing(), fill=fill)
+    rays = render_indirect(*corner, make_settings(rays=64))
+    for name in ("diffuse", "glossy"):
+        np.testing.assert_array_equal(getattr(light, name), getattr(without, name))
+    surface = ~corner[0].is_background
+    for name in ("visibility", "known_diffuse"):
+        error = (getattr(light, name) - getattr(rays, name))[surface]
+        assert abs(error.mean()) < FEW_VISIBILITY_RAYS
+    np.testing.assert_array_equal(light.known_glossy, light.known_diffuse)
+
+
+def test_without_a_fill_rays_bring_the_light_in_either_mode(corner):
+    level, replaced = (
+        render_indirect(*corner, make_settings(rays=2, fill_mode=mode)) for mode in ("level", "replace")
+    )
+    assert_same_light(level, replaced)
+
+
+def test_noisy_fill_sets_the_level_in_either_mode(corner, small):
+    level, replaced = (
+        render_indirect(*corner, make_settings(rays=2, fill_mode=mode), fill=small)
+        for mode in ("level", "replace")
+    )
+    assert_same_light(level, replaced)
+
+
+def test_mirrors_show_what_the_fill_lights():
+    """A mirror floor sees the wall: 1 that it hands on, and 0.5 x 0.6 + 0.5 x 0.2 of the fill's light."""
+    mirror = replace(FLOOR, albedo=0.0, specular=1.0, roughness=0.0)
+    camera = camera_of(SIZE)
+    gbuffer = capture(camera, [mirror, WALL])
+    fill = clean_fill_of([mirror, WALL], camera_of((32, 24)), diffuse=0.6, glossy=0.2)
+    light = render_indirect(gbuffer, camera, replacing(visibility=False), fill=fill)
+    floor = (gbuffer.roughness == 0.0) & ~gbuffer.is_background
+    met, lost = (floor & (light.known_glossy == known) for known in (1.0, 0.0))
+    assert met.sum() > 100
+    np.testing.assert_allclose(light.glossy[met], 1.4, rtol=FILTER_RELATIVE)
+    # Rays that leave the frame find the fill's light in its place
+    assert lost.sum() > 100
+    np.testing.assert_allclose(light.glossy[lost], 0.2, rtol=FILTER_RELATIVE)
+
+
+def test_views_hand_on_the_fill_s_light_and_its_mean_where_it_sees_nothing():
+    """The mirror shows a wall beside the frame that a view knows: 1 + 0.5 x the fill's mean diffuse light."""
+    mirror = replace(FLOOR, albedo=0.0, specular=1.0, roughness=0.0)
+    camera = camera_of(SIZE)
+    frame = capture(camera, [mirror])
+    wider = Camera.perspective(*SIZE, 2.0, world_from_view=POSE)
+    wall = replace(WALL, point=(0.0, 0.0, -30.0))
+    fill = clean_fill_of([mirror], camera_of((32, 24)), diffuse=0.6)
+    views = [(capture(wider, [mirror, wall]), wider)]
+    light = render_indirect(frame, camera, replacing(visibility=False), views=views, fill=fill)
+    met = ~frame.is_background & (light.known_glossy == 1.0)
+    assert met.sum() > 100
+    np.testing.assert_allclose(light.glossy[met], 1.3, rtol=FILTER_RELATIVE)
+
+
+def test_denoised_fill_is_taken_at_its_word(corner, rng):
+    """What varies in it is light; in a fill that nobody cleaned it is noise."""
+    noise = rng.gamma(1.0, 1.0, (SMALL[1], SMALL[0], 3))
+    noisy = fill_of([FLOOR, WALL], camera_of(SMALL), diffuse=noise)
+    spread = [
+        filled(1.0, *corner, replace(noisy, is_denoised=clean))[~corner[0].is_background].std()
+        for clean in (False, True)
+    ]
+    assert spread[1] > 2.0 * spread[0]
+
+
+def test_more_paths_or_less_known_rays_let_a_denoised_fill_weigh_more(corner):
+    gbuffer, camera = corner
+    surface = ~gbuffer.is_background
+
+    def mean(samples: float, known: float) -> float:
+        fill = fill_of([FLOOR, WALL], camera_of(SMALL), diffuse=2.0, samples=samples)
+        return float(
+            filled(1.0, gbuffer, camera, replace(fill, is_denoised=True), known=known)[surface].mean()
+        )
+
+    assert 1.0 < mean(0.1, 1.0) < mean(1.0, 1.0) < mean(1.0, 0.0) < 2.0
+
+
+def test_fine_fill_is_read_between_its_four_nearest_pixels():
+    """A gradient across one wall comes over as it is, but for the border."""
+    camera, coarse = Camera.perspective(*SIZE, 1.0), Camera.perspective(32, 24, 1.0)
+    wall = Plane((0.0, 0.0, -5.0), (0.0, 0.0, 1.0), albedo=0.5, specular=0.5, roughness=0.5)
+    ramp = lambda points: np.repeat(3.0 + points[..., :1], 3, axis=-1)  # noqa: E731
+    gbuffer = capture(camera, [wall])
+    light = render_indirect(
+        gbuffer, camera, replacing(visibility=False), fill=clean_fill_of([wall], coarse, diffuse=ramp)
+    )
+    expected = ramp(points_of(gbuffer, camera))
+    np.testing.assert_allclose(light.diffuse[1:-1, 1:-1], expected[1:-1, 1:-1], rtol=FILTER_RELATIVE)
+
+
 # --- Several fills ----------------------------------------------------------------------------------------
 
 
@@ -375,6 +495,11 @@ def test_fills_of_a_moving_camera_lose_their_noise(rng):
     assert surface.mean() > 0.5
     assert merged.diffuse[surface].std() < MERGED_NOISE
     assert abs(merged.diffuse[surface].mean() - 1.0) < MERGED_MEAN
+
+
+def test_denoised_fills_are_not_merged(small):
+    with pytest.raises(ValueError, match="fills: expected noisy ones"):
+        Fill.merged([small, replace(small, is_denoised=True)])
 
 
 def test_what_came_into_sight_has_the_newest_light_alone():

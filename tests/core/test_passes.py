@@ -30,7 +30,8 @@ def random_gbuffer(rng, height=HEIGHT, width=WIDTH, **more):
 def random_fill(rng, camera):
     surfaces = random_gbuffer(rng, camera.height, camera.width)
     samples = rng.uniform(1, 9, surfaces.shape)
-    return Fill(surfaces.depth, surfaces.normal, surfaces.direct, surfaces.albedo, camera, samples)
+    lights = surfaces.direct, surfaces.albedo
+    return Fill(surfaces.depth, surfaces.normal, *lights, camera, samples, is_denoised=True)
 
 
 @pytest.fixture
@@ -98,6 +99,7 @@ def assert_same_fill(found, expected):
     for name in ("depth", "normal", "diffuse", "glossy", "samples"):
         a, b = getattr(found, name), getattr(expected, name)
         assert (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes()), name
+    assert found.is_denoised == expected.is_denoised
 
 
 @pytest.mark.parametrize("name", ["plain_frame", "full_frame"])

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Silhouettes: found at depth and at folds, and no dots and no holes stay on them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ssgi_addon.core import Camera
+from ssgi_addon.core.silhouettes import find_silhouettes, without_outliers
+from tests.core.synthetic import Plane, capture
+from tests.tolerances import FILTER_RELATIVE
+
+CAMERA = Camera.perspective(48, 32, 1.0)
+WALL = Plane((0.0, 0.0, -5.0), (0.0, 0.0, 1.0))
+EDGE = np.zeros((32, 48), bool)
+EDGE[:, 20:23] = True
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_steep_plane_has_no_silhouette_and_a_step_has_one(orthographic):
+    camera = Camera.orthographic(48, 32, 8.0) if orthographic else CAMERA
+    # One that fills the view, 80 degrees off the viewer
+    steep = Plane((0.0, 0.0, -50.0), (-0.9848, 0.0, 0.1736))
+    gbuffer = capture(camera, [steep])
+    covered = ~gbuffer.is_background
+    inside = covered[:, :-2] & covered[:, 1:-1] & covered[:, 2:]
+    assert inside.any()
+    assert not find_silhouettes(gbuffer, camera)[:, 1:-1][inside].any()
+    plate = Plane((0.0, 0.0, -4.5), (0.0, 0.0, 1.0), bounds=lambda points: points[:, 0] < 0.0)
+    found = find_silhouettes(capture(camera, [plate, WALL]), camera)
+    np.testing.assert_array_equal(found.any(axis=0), np.isin(np.arange(48), (23, 24)))
+    assert found[:, 23:25].all()
+
+
+def test_fold_is_one_and_background_is_none():
+    floor = Plane((0.0, -1.0, 0.0), (0.0, 1.0, 0.0))
+    found = find_silhouettes(capture(CAMERA, [floor, WALL]), CAMERA)
+    assert found.any(axis=1).sum() == 2
+    lonely = Plane((0.0, 0.0, -5.0), (0.0, 0.0, 1.0), bounds=lambda points: points[:, 0] < 0.0)
+    gbuffer = capture(CAMERA, [lonely])
+    assert not find_silhouettes(gbuffer, CAMERA)[gbuffer.is_background].any()
+
+
+def test_dots_and_holes_vanish_at_silhouettes_alone():
+    """A dotted line one pixel wide between a dark and a bright side, as mixtures of their passes draw it."""
+    light = np.ones((32, 48, 3), np.float32)
+    light[:, 22:] = 3.0
+    clean = light.copy()
+    light[::2, 21], light[1::2, 22] = 40.0, 0.01
+    light[7, 40] = 40.0
+    found = without_outliers(light, np.full_like(light, 0.5), EDGE)
+    inner = slice(2, -2)
+    assert found[inner, 21].max() <= 3.0 * (1.0 + FILTER_RELATIVE)
+    assert found[inner, 22].min() >= 1.0 - FILTER_RELATIVE
+    np.testing.assert_array_equal(found[:, :20], clean[:, :20])
+    assert found[7, 40, 0] == 40.0
+
+
+def test_what_counts_is_light_times_colour():
+    """A bright light on a dark colour among dark lights on bright ones is no outlier."""
+    light, color = np.ones((32, 48, 3), np.float32), np.ones((32, 48, 3), np.float32)
+    light[10, 21], color[10, 21] = 50.0, 0.02
+    np.testing.assert_allclose(without_outliers(light, color, EDGE), light, rtol=FILTER_RELATIVE)
+
+
+def test_straight_line_of_light_stays():
+    """A line two pixels wide has enough neighbours of its own."""
+    light = np.ones((32, 48, 3), np.float32)
+    light[:, 21:23] = 9.0
+    found = without_outliers(light, np.ones_like(light), EDGE)
+    np.testing.assert_allclose(found, light, rtol=FILTER_RELATIVE)
