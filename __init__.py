@@ -35,10 +35,10 @@ def unregister() -> None:
 
 def _modules() -> tuple[ModuleType, ...]:
     from . import operators
-    from .ssgi_addon import properties, ui
+    from .ssgi_addon import preferences, progress_panel, properties, ui
     from .ssgi_addon.blender import in_render
 
-    return properties, operators, ui, in_render
+    return preferences, properties, operators, progress_panel, ui, in_render
 
 
 def _run_command(argv: Sequence[str]) -> int:

@@ -14,9 +14,11 @@ from . import __version__
 from .arguments import add_option, frame_range, integer, resolution, whole_number
 from .bench.command import add_bench
 from .bpy_module import require_bpy
+from .child import ERROR_MARK
 from .core import Settings
 from .core.metrics import KNOWN_ENOUGH, compare_images
 from .core.settings import PRESETS, DiffuseSettings, ReflectionSettings
+from .earlier_results import was_skipped
 from .errors import SSGIError
 from .exr import FloatArray, Pixels, read_layers
 from .heatmap import error_map
@@ -24,6 +26,7 @@ from .job_options import BEYOND_FRAME, DEFAULT_PRESET, ENGINES, RENDERED, JobOpt
 from .passes import remembered_settings
 from .png import write_png
 from .progress import Progress
+from .render_task import COMMAND
 from .results import apply_passes
 
 DONE, FAILED, BAD_USAGE = 0, 1, 2
@@ -53,11 +56,11 @@ def main(argv: Sequence[str] | None = None, *, inside_blender: bool = False) -> 
         return exit_.code if isinstance(exit_.code, int) else BAD_USAGE
     except SSGIError as error:
         progress.close()
-        print(f"ssgi: error: {' '.join(str(error).split())}", file=sys.stderr)
+        print(f"{ERROR_MARK}{' '.join(str(error).split())}", file=sys.stderr)
         return FAILED
     except KeyboardInterrupt:
         progress.close()
-        print("ssgi: error: stopped", file=sys.stderr)
+        print(f"{ERROR_MARK}stopped", file=sys.stderr)
         return FAILED
     finally:
         progress.close()
@@ -73,7 +76,7 @@ class _Parser(argparse.ArgumentParser):
     """Says what is wrong in one line; the usage is a `--help` away."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(BAD_USAGE, f"ssgi: error: {message} (see {self.prog} --help)\n")
+        self.exit(BAD_USAGE, f"{ERROR_MARK}{message} (see {self.prog} --help)\n")
 
 
 def build_parser(*, inside_blender: bool = False) -> argparse.ArgumentParser:
@@ -126,8 +129,18 @@ def _add_render(commands: Any, *, inside_blender: bool) -> None:
     add_option(parser, "--compare", JobOptions, "compare")
     add_option(parser, "--reference-samples", JobOptions, "reference_samples", metavar="N")
     add_option(parser, "--passes", JobOptions, "save_passes")
-    parser.add_argument("--overwrite", action="store_true", help="replace results that are there already")
+    earlier = parser.add_mutually_exclusive_group()
+    earlier.add_argument("--overwrite", action="store_true", help="replace results that are there already")
+    earlier.add_argument(
+        "--resume",
+        action="store_true",
+        help="skip frames whose result is there already; to go on after a stop",
+    )
     parser.set_defaults(run=_render, fail=parser.error)
+    # The background process of the window; for itself alone, so it stands in no help
+    worker = commands.add_parser(COMMAND)
+    worker.add_argument("task", type=Path)
+    worker.set_defaults(run=_work)
 
 
 def _add_apply(commands: Any) -> None:
@@ -212,10 +225,20 @@ def _render(arguments: argparse.Namespace, progress: Progress) -> None:
     report = run_job(arguments.scene, options, progress)
     progress.close()
     for frame in report["frames"]:
+        if was_skipped(frame):
+            print(f"frame {frame['frame']}: there already")
+            continue
         print(f"frame {frame['frame']}: {frame['seconds']['total']:.1f} s")
         if frame.get("metrics"):
             _print_metrics(frame["metrics"])
     print(f"results: {arguments.output}")
+
+
+def _work(arguments: argparse.Namespace, _: Progress) -> None:
+    require_bpy()
+    from .blender.render_worker import work
+
+    work(arguments.task)
 
 
 def _apply(arguments: argparse.Namespace, progress: Progress) -> None:

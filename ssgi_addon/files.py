@@ -25,7 +25,7 @@ def replacing(path: Path) -> Iterator[Path]:
     SSGIError
         If the folder cannot be made, or the file cannot be written or moved.
     """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    temporary = path.with_name(_temporary_name(path.name, os.getpid()))
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
@@ -38,6 +38,14 @@ def replacing(path: Path) -> Iterator[Path]:
         # itself is gone or locked, the message above says all there is to say.
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def discard_unfinished(folder: Path, pid: int) -> None:
+    """Delete what a process that was killed left half-written in a folder of results, or one below it."""
+    pattern = _temporary_name("*", pid)
+    for path in (*folder.glob(pattern), *folder.glob(f"*/{pattern}")):
+        with suppress(OSError):
+            path.unlink()
 
 
 def write_json(path: Path, data: Any) -> None:
@@ -67,3 +75,7 @@ def read_json(path: Path) -> Any:
         raise SSGIError(f"cannot read {path}: {error.strerror or error}; check the path") from error
     except ValueError as error:
         raise SSGIError(f"{path} is not a JSON file ({error}); write it again") from error
+
+
+def _temporary_name(name: str, pid: int) -> str:
+    return f".{name}.{pid}.tmp"

@@ -95,6 +95,8 @@ class JobOptions:
         Frame numbers; None means the current one.
     overwrite
         Replace results that are there already.
+    resume
+        Skip frames whose result is there already, unless `overwrite` is on; without either they are refused.
     """
 
     output: Path
@@ -103,6 +105,7 @@ class JobOptions:
     resolution: tuple[int, int] | None = None
     frames: tuple[int, ...] | None = None
     overwrite: bool = False
+    resume: bool = False
     samples: int = option(
         _DEFAULT["samples"],
         "Samples per pixel of the direct light",

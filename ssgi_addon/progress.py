@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Progress on the command line: a bar on a terminal, plain lines in a log."""
+"""Progress: a bar on a terminal, plain lines in a log, marked lines for a process that started this one."""
 
 from __future__ import annotations
 
@@ -9,6 +9,22 @@ from typing import TextIO
 
 BAR_WIDTH = 28
 LOG_STEP = 0.1
+#: A line that `tell` prints begins so; all others are Blender's.
+MARK = "ssgi-progress"
+
+
+def tell(fraction: float, text: str) -> None:
+    """Tell the parent process how far the work is."""
+    print(f"{MARK} {fraction:.4f} {text}", flush=True)
+
+
+def understand(line: str) -> tuple[float, str] | None:
+    """Read what `tell` printed; None for other lines."""
+    mark, _, rest = line.rstrip().partition(" ")
+    if mark != MARK:
+        return None
+    fraction, _, text = rest.partition(" ")
+    return float(fraction), text
 
 
 class Progress:

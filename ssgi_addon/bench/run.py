@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
 import tempfile
 import time
 from collections import deque
@@ -15,16 +14,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
+from ..child import environment, printed_error, ssgi_command
 from ..core import parallel
 from ..errors import SSGIError
 from ..files import read_json
+from ..progress import understand
 from ..results import check_writable
 from .methods import Method, all_methods, chosen
 from .options import BenchOptions, SceneSource, find_scenes
 from .plots import require_matplotlib
 from .report import write_report
 from .store import SceneState, load_scene, scene_folder
-from .tasks import COMMAND, Task, understand, write_task
+from .tasks import COMMAND, Task, write_task
 
 Progress = Callable[[float, str], None]
 
@@ -165,16 +166,13 @@ class _Processes:
         """Run a task and relay its progress; return how it ended, None where it ended well."""
         path = self.folder / "task.json"
         write_task(Task(kind, self.options, self.source, self.deadline, method), path)
-        own = [sys.executable, "-m", "ssgi_addon"]
-        if self.blender:
-            own = [self.blender, "--command", "ssgi"]
-        command = [*own, COMMAND, str(path)]
+        command = ssgi_command(self.blender, COMMAND, str(path))
         last: deque[str] = deque(maxlen=_LAST_LINES)
         with (
             (self.folder / "log.txt").open("a", encoding="utf-8") as log,
             subprocess.Popen(
                 command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace",
-                env=_environment(),
+                env=environment(),
             ) as process,
         ):  # fmt: skip
             try:
@@ -184,8 +182,7 @@ class _Processes:
                 raise
         if process.returncode == 0:
             return None
-        said = next((line for line in reversed(last) if line.startswith("ssgi: error: ")), "")
-        return said.removeprefix("ssgi: error: ") or f"exit status {process.returncode}; see {log.name}"
+        return printed_error(last) or f"exit status {process.returncode}; see {log.name}"
 
     def _relay(self, lines: Iterable[str], log: TextIO, last: deque[str]) -> None:
         """Pass progress on, and keep all else that a process prints."""
@@ -197,13 +194,6 @@ class _Processes:
             log.write(line)
             if line.strip():
                 last.append(line.strip())
-
-
-def _environment() -> dict[str, str]:
-    """Let a process of this Python find this package, wherever it was started from."""
-    root = str(Path(__file__).parents[2])
-    paths = [root, *filter(None, [os.environ.get("PYTHONPATH")])]
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
 
 
 @contextmanager

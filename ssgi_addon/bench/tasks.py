@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a process of the benchmark is asked to do, and how it tells what it does."""
+"""What a process of the benchmark is asked to do."""
 
 from __future__ import annotations
 
@@ -12,8 +12,6 @@ from .methods import Method, all_methods, chosen
 from .options import BenchOptions, SceneSource
 
 COMMAND = "bench-worker"
-#: A line of progress begins so; all others are Blender's.
-MARK = "ssgi-bench"
 
 
 @dataclass(frozen=True)
@@ -61,20 +59,6 @@ def read_task(path: Path) -> Task:
     source = data.pop("source")
     path_ = None if source["path"] is None else Path(source["path"])
     return Task(options=options, source=SceneSource(source["name"], path_), **data)
-
-
-def tell(fraction: float, text: str) -> None:
-    """Tell the parent process how far the work is."""
-    print(f"{MARK} {fraction:.4f} {text}", flush=True)
-
-
-def understand(line: str) -> tuple[float, str] | None:
-    """Read what `tell` printed; None for other lines."""
-    mark, _, rest = line.rstrip().partition(" ")
-    if mark != MARK:
-        return None
-    fraction, _, text = rest.partition(" ")
-    return float(fraction), text
 
 
 def _plain(value: Any) -> Any:

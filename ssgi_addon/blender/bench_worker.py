@@ -10,8 +10,9 @@ import bpy
 
 from ..bench.options import SceneSource
 from ..bench.store import load_scene, scene_folder
-from ..bench.tasks import Task, read_task, tell
+from ..bench.tasks import Task, read_task
 from ..files import write_json
+from ..progress import tell
 from ..results import peak_memory_mb
 from . import demo_scene
 from .bench_renders import borrow_unbiased, run_method

@@ -16,6 +16,7 @@ import bpy
 import numpy as np
 
 from .. import __version__
+from ..earlier_results import check_output, finished_frames
 from ..errors import SSGIError
 from ..files import write_json
 from ..job_options import BEYOND_FRAME, TOGETHER, JobOptions
@@ -105,9 +106,9 @@ def render_frames(
 
     Parameters and errors are those of `run_job`.
     """
-    check_writable(options.output)
-    frames = options.frames or (scene.frame_current,)
-    _refuse_old_results(options, frames)
+    stems = frame_stems(scene, options)
+    check_output(options, stems)
+    records = finished_frames(options, stems)
     report: Report = {
         "versions": _versions(),
         "settings": {
@@ -122,6 +123,7 @@ def render_frames(
         "frames": [],
     }
     results = []
+    frames = [frame for frame in stems if frame not in records]
     kept = KeptWorld() if options.keep_world and len(frames) > 1 else None
     with Restorer() as restorer:
         if options.engine == "cycles":
@@ -131,9 +133,24 @@ def render_frames(
             part = _part(progress, index / len(frames), 1.0 / len(frames))
             result = _render_one(scene, frame, options, part, kept)
             results.append(result)
-            report["frames"].append(result.record)
+            records[frame] = result.record
+            report["frames"] = [records[number] for number in stems if number in records]
             write_json(options.output / "report.json", report)
+    if not frames:
+        report["frames"] = list(records.values())
+        write_json(options.output / "report.json", report)
     return report, results
+
+
+def frame_stems(scene: bpy.types.Scene, options: JobOptions) -> dict[int, str]:
+    """Return the frames that the options name, with the names of their files but for the endings."""
+    return {frame: _stem(frame) for frame in options.frames or (scene.frame_current,)}
+
+
+def shown_result(scene: bpy.types.Scene, options: JobOptions) -> Path:
+    """Return the result file that a user looks for: of the scene's current frame, else of the last one."""
+    stems = frame_stems(scene, options)
+    return options.output / f"{stems.get(scene.frame_current) or list(stems.values())[-1]}.exr"
 
 
 def render_frame(
@@ -294,15 +311,6 @@ def _refuse_unread_file() -> None:
     named = [text for text in own_arguments if text.endswith(".blend")]
     if named and not bpy.data.filepath:
         raise SSGIError(f"Blender could not open {named[-1]}: check the path")
-
-
-def _refuse_old_results(options: JobOptions, frames: tuple[int, ...]) -> None:
-    if options.overwrite:
-        return
-    for frame in frames:
-        path = options.output / f"{_stem(frame)}.exr"
-        if path.exists():
-            raise SSGIError(f"{path} is there already: add --overwrite, or choose another folder")
 
 
 def _stem(frame: int) -> str:

@@ -15,6 +15,7 @@ from ..blender.job import VIEW_SAMPLES
 from ..core.settings import DiffuseSettings, ReflectionSettings, Settings
 from ..job_options import BEYOND_FRAME, CYCLES_ONLY
 from ..last_result import frame_record, reasons_skipped
+from ..progress_panel import draw_render_buttons
 from .compare_panel import draw_metrics
 from .drawing import draw_cost, draw_look, draw_messages
 from .presets import SSGI_PT_presets
@@ -68,7 +69,7 @@ class SSGI_PT_main(_RenderPanel, bpy.types.Panel):
             draw_messages(layout, ["Only Cycles' own renders get the light by themselves: use the button"])
         layout.prop(settings, "preset")
         layout.prop(settings, "engine")
-        layout.operator("ssgi.render", icon="RENDER_STILL")
+        draw_render_buttons(layout)
         layout.operator("ssgi.preview", icon="IMAGE_DATA")
 
 

@@ -15,6 +15,7 @@ pytest.importorskip("OpenEXR")
 from ssgi_addon.blender import job
 from ssgi_addon.blender.job import render_frame, render_frames
 from ssgi_addon.core import Settings
+from ssgi_addon.earlier_results import was_skipped
 from ssgi_addon.errors import SSGIError
 from ssgi_addon.exr import read_layers
 from ssgi_addon.job_options import JobOptions
@@ -156,6 +157,42 @@ def test_later_frame_that_is_there_already_stops_before_the_first(room, options)
     with pytest.raises(SSGIError, match=r"untitled_0003\.exr is there already: add --overwrite"):
         render_frames(room, replace(options, frames=(1, 3)))
     assert not (options.output / "untitled_0001.exr").exists()
+
+
+def test_stopped_run_goes_on_where_it_stopped(room, options, monkeypatch):
+    render_frames(room, replace(options, frames=(1, 3)))
+    first = read_report(options)["frames"]
+    picture = options.output / "untitled_0001.exr"
+    untouched = picture.stat().st_mtime_ns
+    (options.output / "untitled_0003.exr").unlink()
+
+    shown = []
+    again = replace(options, frames=(1, 2, 3), resume=True)
+    _, results = render_frames(room, again, lambda fraction, text: shown.append(fraction))
+    assert [result.record["frame"] for result in results] == [2, 3]
+    assert picture.stat().st_mtime_ns == untouched
+    records = read_report(options)["frames"]
+    assert [record["frame"] for record in records] == [1, 2, 3]
+    assert [was_skipped(record) for record in records] == [True, False, False]
+    assert records[0]["seconds"] == first[0]["seconds"]
+    assert shown == sorted(shown)
+    assert shown[-1] == 1.0
+
+    _, results = render_frames(room, again)
+    assert results == []
+    assert all(was_skipped(record) for record in read_report(options)["frames"])
+
+
+def test_later_records_outlive_a_second_stop(room, options, monkeypatch):
+    render_frames(room, replace(options, frames=(3,)))
+
+    def fail(picture, path):
+        raise SSGIError("no room")
+
+    monkeypatch.setattr(job, "write_picture", fail)
+    with pytest.raises(SSGIError, match="no room"):
+        render_frames(room, replace(options, frames=(1, 3), resume=True))
+    assert [record["frame"] for record in read_report(options)["frames"]] == [3]
 
 
 def test_surround_answers_what_the_frame_cannot(room, options):

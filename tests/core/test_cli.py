@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import ssgi_addon
-from ssgi_addon import bpy_module, cli
+from ssgi_addon import bpy_module, cli, earlier_results
 from ssgi_addon.bpy_module import explain_import_error, require_bpy
 from ssgi_addon.cli import main
 from ssgi_addon.core import Settings
@@ -93,6 +93,17 @@ def test_render_hands_every_option_on(calls):
     )
 
 
+def test_resume_is_handed_on_and_skipped_frames_are_named(calls, monkeypatch, capsys):
+    skipped = {"frame": 2, "seconds": {}, "metrics": None, "skipped": [earlier_results.SKIPPED]}
+    job = sys.modules[JOB]
+    monkeypatch.setattr(
+        job, "run_job", lambda *given: calls.append(given) or {"frames": [skipped]}, raising=True
+    )
+    assert main(["render", "a.blend", "--output", "out", "--resume"]) == 0
+    assert calls[0][1].resume
+    assert "frame 2: there already" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("text", "frames"),
     [
@@ -121,6 +132,7 @@ def test_scene_may_be_left_out_inside_blender_only(calls, capsys):
         "",
         "paint",
         "render a.blend",
+        "render a.blend --output out --overwrite --resume",
         "render a.blend --output out --resolution 0x9",
         "render a.blend --output out --resolution 9",
         "render a.blend --output out --resolution -9x9",

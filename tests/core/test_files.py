@@ -5,7 +5,7 @@ import os
 import pytest
 
 from ssgi_addon.errors import SSGIError
-from ssgi_addon.files import read_json, replacing, write_json
+from ssgi_addon.files import discard_unfinished, read_json, replacing, write_json
 
 
 def test_file_appears_at_the_end_and_not_before(tmp_path):
@@ -82,3 +82,23 @@ def test_missing_json_is_one_clear_line(tmp_path):
 def test_report_is_valid_json_for_other_readers(tmp_path):
     write_json(tmp_path / "a.json", {"a": [1, 2.5, None, True]})
     assert json.loads((tmp_path / "a.json").read_text()) == {"a": [1, 2.5, None, True]}
+
+
+def test_what_a_killed_process_left_goes_and_nothing_else(tmp_path):
+    names = [".a.exr.7.tmp", "passes/.b.exr.7.tmp", ".a.exr.77.tmp", "a.exr", "deep/er/.c.exr.7.tmp"]
+    for name in names:
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    discard_unfinished(tmp_path, 7)
+    left = sorted(path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*") if path.is_file())
+    assert left == sorted(names[2:])
+    discard_unfinished(tmp_path / "none", 7)
+
+
+def test_temporary_files_are_found_by_their_process(tmp_path):
+    with replacing(tmp_path / "a.exr") as temporary:
+        temporary.touch()
+        discard_unfinished(tmp_path, os.getpid())
+        assert os.listdir(tmp_path) == []
+        temporary.touch()

@@ -18,6 +18,8 @@ ROOT = Path(__file__).resolve().parents[2]
 # Of the package, these alone need Blender to be imported.
 NEEDS_BLENDER = (
     "ssgi_addon/blender/",
+    "ssgi_addon/preferences.py",
+    "ssgi_addon/progress_panel.py",
     "ssgi_addon/properties.py",
     "ssgi_addon/view_properties.py",
     "ssgi_addon/ui/",
