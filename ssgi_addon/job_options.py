@@ -13,9 +13,9 @@ from .core.settings import option
 DEFAULT_PRESET = "balanced"
 # The denoiser that cleans the finished picture.
 TOGETHER = "together"
-_FEW = {"stations": 0, "back_faces": False, "mirrors_only": True}
+_FRAME_ALONE = {"surround": 0, "stations": 0, "back_faces": False, "mirrors_only": True}
 # What presets set beside the settings of the passes: what is rendered. The budget is the time for views
-# beyond the frame, as a multiple of that of the direct light (ADR 21).
+# beyond the frame, as a multiple of that of the direct light (ADR 21, 22).
 RENDERED: dict[str, dict[str, Any]] = {
     "draft": {
         "samples": 1,
@@ -23,8 +23,7 @@ RENDERED: dict[str, dict[str, Any]] = {
         "own_geometry": False,
         "fill": 4,
         "budget": 1.5,
-        "surround": 0,
-        **_FEW,
+        **_FRAME_ALONE,
     },
     "balanced": {
         "samples": 4,
@@ -32,19 +31,15 @@ RENDERED: dict[str, dict[str, Any]] = {
         "own_geometry": False,
         "fill": 16,
         "budget": 1.5,
-        "surround": 0,
-        **_FEW,
+        **_FRAME_ALONE,
     },
     "final": {
         "samples": 32,
         "denoiser": "accurate",
-        "fill": 64,
-        "budget": 6.0,
         "own_geometry": True,
-        "surround": 128,
-        "stations": 8,
-        "back_faces": True,
-        "mirrors_only": False,
+        "fill": 256,
+        "budget": 6.0,
+        **_FRAME_ALONE,
     },
 }
 PRESET_HELP = {
@@ -52,8 +47,9 @@ PRESET_HELP = {
     "balanced": "Most accuracy for its time: about as long as a few samples of the frame",
     "final": "Least error: some times as long as balanced",
 }
-# EEVEE renders no fill: what presets capture in its place.
+# EEVEE renders no fill: what presets capture in its place, and what `final` does besides.
 _WITHOUT_FILL = {"surround": 128, "mirrors_only": False}
+_FINAL_WITHOUT_FILL = {**_WITHOUT_FILL, "stations": 8}
 # What is captured beyond the frame, in the order of the panel.
 BEYOND_FRAME = (
     "budget", "fill", "mirrors_only", "surround", "overscan", "stations", "light_views", "back_faces",
@@ -71,7 +67,9 @@ _DEFAULT = RENDERED[DEFAULT_PRESET]
 
 def rendered(preset: str, engine: str) -> dict[str, Any]:
     """Return the options of `JobOptions` that a preset sets, by name, for an engine."""
-    return RENDERED[preset] if engine == ENGINES[0] else {**RENDERED[preset], **_WITHOUT_FILL}
+    if engine == ENGINES[0]:
+        return RENDERED[preset]
+    return {**RENDERED[preset], **(_FINAL_WITHOUT_FILL if preset == "final" else _WITHOUT_FILL)}
 
 
 @dataclass(frozen=True)

@@ -151,14 +151,15 @@ class BeyondTheFrame:
             self._leave_out("fill", self._too_dear(cost))
             return
         self.report(0.6, "Fill")
-        is_clean = self.options.denoise_fill
+        denoiser = self.options.fill_denoiser
+        is_clean = denoiser != "none"
         fill, seconds = capture_fill(self.scene, self.view_layer, samples=self.options.fill, is_fine=is_clean)
         begun = time.perf_counter()
         if self.kept is not None:
             fill = self.kept.averaged(fill)
         if is_clean:
             has_glossy = bool(is_colored(self.frame.gbuffer.specular).any())
-            fill = denoised_fill(self.scene, fill, has_glossy=has_glossy)
+            fill = denoised_fill(self.scene, fill, denoiser=denoiser, has_glossy=has_glossy)
         self._spend("fill", seconds + time.perf_counter() - begun)
         self.frame = replace(self.frame, fill=fill)
 

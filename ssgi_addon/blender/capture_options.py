@@ -58,8 +58,8 @@ class CaptureOptions:
         is what they show to the camera: a few passes less, good enough for mirrors.
     fill
         Light paths for every 4 x 4 pixels, with all bounces, in a small render (Cycles); 0 captures none.
-    denoise_fill
-        Clean its light, where this build of Blender can.
+    fill_denoiser
+        How its light is denoised: ``"none"``, or as this build of Blender can, ``"fast"`` or ``"accurate"``.
     """
 
     engine: str = "cycles"
@@ -80,7 +80,7 @@ class CaptureOptions:
     back_faces: bool = False
     behind: bool = False
     fill: int = 0
-    denoise_fill: bool = False
+    fill_denoiser: str = "none"
     mirrors_only: bool = False
     splits_light: bool = True
     keep_passes: bool = True

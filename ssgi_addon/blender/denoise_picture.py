@@ -100,7 +100,12 @@ def clean_layers(scene: bpy.types.Scene, picture: Picture) -> Picture:
 
 
 def denoise_picture(
-    scene: bpy.types.Scene, picture: FloatArray, albedo: FloatArray, normal: FloatArray
+    scene: bpy.types.Scene,
+    picture: FloatArray,
+    albedo: FloatArray,
+    normal: FloatArray,
+    *,
+    denoiser: str = "fast",
 ) -> FloatArray:
     """Remove the noise of a picture, guided by the surfaces that it shows.
 
@@ -114,6 +119,8 @@ def denoise_picture(
         Share of the light that surfaces reflect, diffuse and glossy together; it may be noisy.
     normal : (H, W, 3)
         Unit length, in any space; zero on background; it may be noisy.
+    denoiser
+        ``"fast"`` or ``"accurate"``.
 
     Returns
     -------
@@ -138,7 +145,7 @@ def denoise_picture(
     # Refused without a number of samples; the filter does not look at it
     metadata = {f"cycles.{PREFIX}.samples": "1"}
     with tempfile.TemporaryDirectory(prefix="ssgi-denoise-") as folder, Restorer() as restorer:
-        borrow_denoiser(restorer, scene, scene.view_layers[0], "fast")
+        borrow_denoiser(restorer, scene, scene.view_layers[0], denoiser)
         restorer.change(scene.cycles, denoising_input_passes="RGB_ALBEDO_NORMAL")
         noisy, clean = Path(folder, "noisy.exr"), Path(folder, "clean.exr")
         write_layers(noisy, layers, metadata, letters=letters, compress=False)

@@ -23,9 +23,11 @@ from .render_settings import (
 from .restore import Restorer
 from .volumes import borrow_clear_air
 
-# Pixels of the frame that one of the fill stands for, each way: where a denoiser cleans it, and else. The
-# denoiser does more for many noisy pixels than for a few better ones, our filter does not (ADR 22).
-_STRIDE_DENOISED, _STRIDE = 2, 4
+# Pixels of the frame that one of the fill stands for, each way.
+_STRIDE = 4
+# The same where a denoiser cleans it, by the fewest light paths for 4 x 4 pixels: it does more for many noisy
+# pixels than for a few better ones, our filter does not (ADR 22).
+_FINE_STRIDES = ((64, 1), (4, 2))
 # Samples are given for so many pixels of the frame, each way.
 BLOCK = 4
 _LIGHT_PASSES = ("Diffuse Indirect", "Glossy Indirect")
@@ -50,7 +52,7 @@ def capture_fill(
         For every 4 x 4 pixels of the frame, all at the centre of a pixel: the light belongs to the surface
         that depth and normal describe.
     is_fine
-        Spread the samples over every second pixel each way, as far as there is one for each.
+        Spread the samples over more pixels: over every second one each way, or all, if they are enough.
 
     Returns
     -------
@@ -64,7 +66,7 @@ def capture_fill(
     SSGIError
         If the render was cancelled.
     """
-    stride = _STRIDE_DENOISED if is_fine and samples >= (BLOCK // _STRIDE_DENOISED) ** 2 else _STRIDE
+    stride = next((stride for least, stride in _FINE_STRIDES if is_fine and samples >= least), _STRIDE)
     samples = round(samples * (stride / BLOCK) ** 2)
     with Restorer() as restorer:
         _borrow_small_frame(restorer, scene, stride)
@@ -88,19 +90,26 @@ def capture_fill(
     return fill, rendered.seconds
 
 
-def denoised_fill(scene: bpy.types.Scene, fill: Fill, *, has_glossy: bool = True) -> Fill:
+def denoised_fill(
+    scene: bpy.types.Scene, fill: Fill, *, denoiser: str = "fast", has_glossy: bool = True
+) -> Fill:
     """Return a fill whose light Cycles' denoiser cleaned; scene and errors as in `denoise_picture`.
 
     Parameters
     ----------
     scene, fill
         Of the same render.
+    denoiser
+        ``"fast"`` or ``"accurate"``.
     has_glossy
         Whether anything takes the glossy light: it is left as it is otherwise.
     """
     white = np.ones((*fill.shape, 3), dtype=np.float32)
     names = ("diffuse", "glossy") if has_glossy else ("diffuse",)
-    clean = {name: denoise_picture(scene, getattr(fill, name), white, fill.normal) for name in names}
+    clean = {
+        name: denoise_picture(scene, getattr(fill, name), white, fill.normal, denoiser=denoiser)
+        for name in names
+    }
     return replace(fill, **clean, is_denoised=True)
 
 

@@ -249,6 +249,7 @@ def make_picture(
     begun = time.perf_counter()
     together = options.denoiser == TOGETHER
     has_clean_fill = options.fill > 0 and options.denoiser != "none" and can_denoise_pictures(scene)
+    fill_denoiser = "fast" if together else options.denoiser
     captured = capture_frame(
         scene,
         CaptureOptions(
@@ -257,7 +258,7 @@ def make_picture(
             denoiser="none" if together else options.denoiser,
             # Mirrors show single pixels of them, which the picture's denoiser would take for detail
             view_denoiser="fast" if together else None,
-            denoise_fill=has_clean_fill,
+            fill_denoiser=fill_denoiser if has_clean_fill else "none",
             own_geometry=options.own_geometry,
             splits_light=not (has_clean_fill and options.settings.fill_mode == "replace"),
             keep_passes=options.save_passes,

@@ -428,5 +428,6 @@ PRESETS: dict[str, dict[str, Any]] = {
     "final": {
         "diffuse": {"rays": 32, "bounces": 8},
         "reflections": {"rays": 16},
+        "fill_mode": "replace",
     },
 }

@@ -235,7 +235,8 @@ def test_views_that_were_taken_leave_less_for_the_rest(room, steady_clock):
 
 
 def test_report_lists_what_is_left_out(room, tmp_path):
-    options = JobOptions.preset("final", tmp_path, samples=1, resolution=(WIDTH, HEIGHT), budget=0.0)
+    views = {"surround": SIDE, "stations": 8, "back_faces": True, "mirrors_only": False}
+    options = JobOptions.preset("final", tmp_path, samples=1, resolution=(WIDTH, HEIGHT), budget=0.0, **views)
     job.render_frames(room, options)
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["settings"]["budget"] == 0.0

@@ -76,7 +76,7 @@ def test_denoised_fill_is_finer_and_has_less_noise(room):
     options = replace(OPTIONS, resolution=(128, 80))
     truth = fill_in(room, replace(options, fill=1024))[1]
     _, noisy = fill_in(room, options)
-    frame, clean = fill_in(room, replace(options, denoise_fill=True))
+    frame, clean = fill_in(room, replace(options, fill_denoiser="fast"))
     assert (noisy.is_denoised, clean.is_denoised) == (False, True)
     assert clean.shape == (40, 64)
     np.testing.assert_array_equal(clean.samples, 1.0)
@@ -86,9 +86,15 @@ def test_denoised_fill_is_finer_and_has_less_noise(room):
     assert frame.fill is clean
 
 
+def test_fill_of_many_paths_has_as_many_pixels_as_the_frame(room):
+    frame, fill = fill_in(room, replace(OPTIONS, fill=64, fill_denoiser="accurate"))
+    assert fill.shape == frame.gbuffer.shape
+    np.testing.assert_array_equal(fill.samples, 4.0)
+
+
 def test_fill_of_few_paths_stays_coarse(room):
     """There is no fourth of a sample."""
-    _, fill = fill_in(room, replace(OPTIONS, fill=3, denoise_fill=True))
+    _, fill = fill_in(room, replace(OPTIONS, fill=3, fill_denoiser="fast"))
     assert fill.shape == (5, 8)
     np.testing.assert_array_equal(fill.samples, 3.0)
     assert fill.is_denoised

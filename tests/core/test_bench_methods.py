@@ -18,7 +18,7 @@ from ssgi_addon.bench.methods import (
 )
 from ssgi_addon.bench.options import BenchOptions, SceneSource, find_scenes
 from ssgi_addon.bench.store import Record, SceneState, load_scene, method_key, scene_folder, scene_key
-from ssgi_addon.bench.tasks import Task, read_task, tell, understand, write_task
+from ssgi_addon.bench.tasks import Task, read_task, write_task
 from ssgi_addon.core.settings import PRESETS
 from ssgi_addon.errors import SSGIError
 from ssgi_addon.job_options import BEYOND_FRAME, DEFAULT_PRESET, JobOptions
@@ -129,16 +129,13 @@ def test_scenes_are_found_by_name_and_by_file(tmp_path, monkeypatch):
         find_scenes(BenchOptions(out, scenes=("kitchen", path)))
 
 
-def test_task_and_progress_come_back_as_they_were_written(tmp_path, capsys):
+def test_task_comes_back_as_it_was_written(tmp_path):
     options = BenchOptions(
         tmp_path / "out", scenes=("demo",), methods=("draft",), resolution=SIZE, cache=tmp_path / "cache"
     )
     task = Task("cold", options, SceneSource("a", tmp_path / "a.blend"), 12.5, "ours, draft (16)")
     write_task(task, tmp_path / "task.json")
     assert read_task(tmp_path / "task.json") == task
-    tell(0.25, "Cycles GI 4 + fastest denoise")
-    assert understand(capsys.readouterr().out) == (0.25, "Cycles GI 4 + fastest denoise")
-    assert understand("Fra:1 Mem:2M") is None
 
 
 def test_state_of_a_scene_comes_back_until_its_file_changes(tmp_path):

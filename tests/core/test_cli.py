@@ -77,7 +77,10 @@ def test_render_hands_every_option_on(calls):
         "final",
         Path("out"),
         settings=replace(
-            final, diffuse=replace(final.diffuse, rays=7), reflections=replace(final.reflections, rays=7)
+            final,
+            diffuse=replace(final.diffuse, rays=7),
+            reflections=replace(final.reflections, rays=7),
+            fill_mode="level",
         ),
         engine="eevee",
         samples=5,
@@ -91,6 +94,21 @@ def test_render_hands_every_option_on(calls):
         save_passes=True,
         overwrite=True,
     )
+
+
+@pytest.mark.parametrize(
+    ("line", "mode"),
+    [
+        ("", "replace"),
+        ("--rays 4", "level"),
+        ("--rays 4 --fill-mode replace", "replace"),
+        ("--fill-mode level", "level"),
+    ],
+)
+def test_who_asks_for_rays_gets_their_light(calls, line, mode):
+    """The fill in their place would leave no trace of them."""
+    assert main(f"render a.blend --output out {line}".split()) == 0
+    assert calls[0][1].settings.fill_mode == mode
 
 
 def test_resume_is_handed_on_and_skipped_frames_are_named(calls, monkeypatch, capsys):
