@@ -311,6 +311,9 @@ SPARSE_LEVEL = 0.03
 # Mean of visibility and of what is known, of 4 rays at a sixteenth of the pixels beside 64 at all of them
 # (measured: 0.004 and 0.006).
 FEW_VISIBILITY_RAYS = 0.02
+# Share of its error that a mixed pixel keeps: it and two others beside it weigh three tenths of clean ones
+# (exact: 0.13).
+MIXED_LIGHT = 0.15
 # Squared error of a denoised fill of one sample beside that of as many light paths as they are, at the same
 # size (measured: 0.063).
 DENOISED_FILL = 0.25

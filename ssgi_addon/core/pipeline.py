@@ -23,7 +23,7 @@ from .light import IndirectLight, fill_unknown, luminance
 from .planner import Plan, plan_passes
 from .scene import TraceScene, View
 from .settings import Settings
-from .silhouettes import find_silhouettes, without_outliers
+from .silhouettes import find_silhouettes, settle_silhouettes
 from .types import FloatArray, IntArray
 
 # How diffuse rays are taken where a fill brings the light.
@@ -170,7 +170,7 @@ class _Run:
         with self.timed("fill"):
             is_silhouette = find_silhouettes(self.gbuffer, self.camera)
             for name, color in (("diffuse", self.gbuffer.albedo), ("glossy", self.gbuffer.specular)):
-                self.images[name] = without_outliers(self.images[name], color, is_silhouette)
+                self.images[name] = settle_silhouettes(self.images[name], color, is_silhouette)
 
     def _build_scene(self, views: Sequence[View], method: str) -> None:
         with self.timed("pyramid"):

@@ -13,10 +13,12 @@ from .camera import Camera
 from .frame_points import surface_points
 from .gbuffer import GBuffer
 from .light import luminance
-from .types import BoolArray, FloatArray
+from .types import BoolArray, FloatArray, IntArray
 
 # A neighbour so many footprints off a pixel's plane, or whose normal has less cosine, is another surface's.
 _OFF_PLANE, _SAME_NORMAL = 1.0, 0.9
+# Weight of the light of mixed pixels beside that of others.
+_MIXED = 0.3
 # So many of the eight neighbours may be brighter, and as many darker: on a line of dots each has two.
 _OUTLIERS = 2
 _LEAST_LIGHT = 1e-6
@@ -50,11 +52,13 @@ def find_silhouettes(gbuffer: GBuffer, camera: Camera) -> BoolArray:
     return found
 
 
-def without_outliers(light: FloatArray, color: FloatArray, is_silhouette: BoolArray) -> FloatArray:
-    """Return light (H, W, 3) that makes no dots and no holes of its colour at silhouettes.
+def settle_silhouettes(light: FloatArray, color: FloatArray, is_silhouette: BoolArray) -> FloatArray:
+    """Return light (H, W, 3) that fits the colour it is multiplied by where both are of mixtures.
 
-    Light times colour is neither brighter than the third brightest of the eight pixels around it nor darker
-    than the third darkest: a trimmed range, as of rank-order filters.
+    A mixed pixel takes the mean of the light around it, weighted by the colours there: the part of its colour
+    that is a mirror's gets the mirror's light. Light times colour is then neither brighter than the third
+    brightest of the eight pixels around it nor darker than the third darkest: a trimmed range, as of
+    rank-order filters.
 
     Parameters
     ----------
@@ -63,20 +67,46 @@ def without_outliers(light: FloatArray, color: FloatArray, is_silhouette: BoolAr
     is_silhouette : (H, W)
         The pixels to look at.
     """
-    width = is_silhouette.shape[1]
-    seen = np.pad(luminance(light * color), 1, mode="edge")
     pixel = np.flatnonzero(is_silhouette)
-    row, column = np.divmod(pixel, width)
-    corner = row * (width + 2) + column
-    steps = [down * (width + 2) + right for down, right in np.ndindex(3, 3) if (down, right) != (1, 1)]
-    around = np.stack([seen.reshape(-1).take(corner + step) for step in steps])
-    around.partition((_OUTLIERS, 7 - _OUTLIERS), axis=0)
-    own = seen.reshape(-1).take(corner + width + 3)
-    target = np.clip(own, around[_OUTLIERS], around[7 - _OUTLIERS])
-    scale = np.where(own > _LEAST_LIGHT, target / np.maximum(own, _LEAST_LIGHT), 1.0)
+    around = _Neighbours(pixel, is_silhouette.shape)
     settled = light.copy()
-    settled.reshape(-1, 3)[pixel] *= scale.astype(light.dtype)[:, None]
+    flat = settled.reshape(-1, 3)
+    flat[pixel] = _mean_by_color(light, color, is_silhouette, around, flat.take(pixel, axis=0))
+    seen = np.sort(around.read(luminance(settled * color)[..., None])[..., 0], axis=0)
+    own = luminance(flat.take(pixel, axis=0) * color.reshape(-1, 3).take(pixel, axis=0))
+    target = np.clip(own, seen[_OUTLIERS], seen[7 - _OUTLIERS])
+    scale = np.where(own > _LEAST_LIGHT, target / np.maximum(own, _LEAST_LIGHT), 1.0)
+    flat[pixel] *= scale.astype(light.dtype)[:, None]
     return settled
+
+
+def _mean_by_color(
+    light: FloatArray, color: FloatArray, is_silhouette: BoolArray, around: _Neighbours, own: FloatArray
+) -> FloatArray:
+    """Return the mean light (P, 3) of pixels and their neighbours, or their `own` where all are black."""
+    pixel = around.pixel
+    weight = color * np.where(is_silhouette, _MIXED, 1.0).astype(color.dtype)[..., None]
+    own_weight = weight.reshape(-1, 3).take(pixel, axis=0)
+    total = own_weight + around.read(weight).sum(axis=0)
+    mean = own_weight * own + around.read(weight * light).sum(axis=0)
+    settled: FloatArray = np.where(total > _LEAST_LIGHT, mean / np.maximum(total, _LEAST_LIGHT), own)
+    return settled
+
+
+class _Neighbours:
+    """Reads the eight pixels around each of some; beyond the border stand those at it."""
+
+    def __init__(self, pixel: IntArray, shape: tuple[int, int]) -> None:
+        self.pixel, (height, width) = pixel, shape
+        row, column = np.divmod(pixel, width)
+        self.rows = [np.clip(row + step, 0, height - 1) * width for step in (-1, 0, 1)]
+        self.columns = [np.clip(column + step, 0, width - 1) for step in (-1, 0, 1)]
+
+    def read(self, image: FloatArray) -> FloatArray:
+        """Return values (8, P, C) of an image (H, W, C)."""
+        flat = image.reshape(-1, image.shape[-1])
+        steps = [step for step in np.ndindex(3, 3) if step != (1, 1)]
+        return np.stack([flat.take(self.rows[down] + self.columns[right], axis=0) for down, right in steps])
 
 
 def _shifted(axis: int, part: slice) -> tuple[slice, slice]:
