@@ -14,7 +14,7 @@ from .page_style import STYLE
 from .plots import as_jpeg, draw_plot
 from .points import Point, dots
 from .store import SceneState, picture_path, scene_folder
-from .summary import Comparison, Switch
+from .summary import YARDSTICKS, Comparison, Switch, mean_dots
 from .tables import (
     Table,
     apply_table,
@@ -46,8 +46,9 @@ def page_of(
     points: Mapping[str, Sequence[Point]],
     comparisons: Mapping[str, Sequence[Comparison]],
     switches: Sequence[Switch],
+    together: bytes | None = None,
 ) -> str:
-    """Return the page's text."""
+    """Return the page's text; `together` is what `mean_plot` drew."""
     links = " ".join(f'<a href="#{_anchor(state)}">{escape(state.name)}</a>' for state in states)
     summary = [_table(table) for table in (*comparison_tables(comparisons), switch_table(switches)) if table]
     sections = [_section(options, state, points[state.name]) for state in states]
@@ -71,6 +72,7 @@ def page_of(
 {_READING}
 <p>Ratios below are ours over theirs: below 1 ours is better. Between measured points the frontier is followed
 along straight lines of the plot.</p>
+{_together(together)}
 {"".join(summary)}
 </section>
 {"".join(sections)}
@@ -78,6 +80,24 @@ along straight lines of the plot.</p>
 </body>
 </html>
 """
+
+
+def mean_plot(points: Mapping[str, Sequence[Point]]) -> bytes | None:
+    """Draw all scenes together as SVG; None where there is nothing that two scenes share."""
+    found = mean_dots(points)
+    if not found:
+        return None
+    return draw_plot(
+        found, f"time relative to {YARDSTICKS[0]}", error_label=f"relMSE relative to {YARDSTICKS[0]}"
+    )
+
+
+def _together(plot: bytes | None) -> str:
+    if plot is None:
+        return ""
+    title = "All scenes: geometric means of what every scene has"
+    picture = _image(plot, "image/svg+xml", f"{title}. The ratios stand in the tables below.")
+    return f'<figure class="plot"><figcaption>{escape(title)}</figcaption>{picture}</figure>'
 
 
 def _anchor(state: SceneState) -> str:

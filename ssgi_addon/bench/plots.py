@@ -53,8 +53,13 @@ def as_jpeg(path: Path) -> bytes:
     return buffer.getvalue()
 
 
-def draw_plot(dots: Sequence[Dot], seconds_label: str, level: float | None = None) -> bytes:
-    """Draw one scene's plot as SVG.
+def draw_plot(
+    dots: Sequence[Dot],
+    seconds_label: str,
+    level: float | None = None,
+    error_label: str = "relMSE (without the worst 0.1 %)",
+) -> bytes:
+    """Draw a plot as SVG.
 
     Parameters
     ----------
@@ -64,6 +69,8 @@ def draw_plot(dots: Sequence[Dot], seconds_label: str, level: float | None = Non
         Of the time axis.
     level
         Error of the picture without any indirect light, drawn across.
+    error_label
+        Of the error axis.
     """
     import matplotlib as mpl
     from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -72,7 +79,7 @@ def draw_plot(dots: Sequence[Dot], seconds_label: str, level: float | None = Non
     figure = Figure(figsize=_INCHES, layout="constrained")
     FigureCanvasSVG(figure)
     axes = figure.subplots()
-    axes.set(xscale="log", yscale="log", xlabel=seconds_label, ylabel="relMSE (without the worst 0.1 %)")
+    axes.set(xscale="log", yscale="log", xlabel=seconds_label, ylabel=error_label)
     front = frontier(dots)
     axes.plot(
         [dot.seconds for dot in front], [dot.error for dot in front],

@@ -14,14 +14,16 @@ from .machine import describe_machine, describe_versions
 from .markdown import markdown_of
 from .methods import Method
 from .options import BenchOptions
-from .page import page_of
+from .page import mean_plot, page_of
 from .points import points_of, write_csv
 from .store import SceneState
 from .summary import compare_all, compare_switches
 
 
 def write_report(options: BenchOptions, states: Sequence[SceneState], methods: Sequence[Method]) -> Path:
-    """Write ``index.html``, ``results.md``, ``points.csv`` and ``report.json``; return the page.
+    """Write ``index.html``, ``results.md``, ``points.csv``, ``report.json``, ``all.svg``; return the page.
+
+    ``all.svg`` shows all scenes together, where there are more than one.
 
     Raises
     ------
@@ -49,8 +51,12 @@ def write_report(options: BenchOptions, states: Sequence[SceneState], methods: S
         },
     )  # fmt: skip
     _write_text(options.output / "results.md", markdown_of(facts, states, points, comparisons, switches))
+    together = mean_plot(points)
+    if together is not None:
+        with replacing(options.output / "all.svg") as temporary:
+            temporary.write_bytes(together)
     page = options.output / "index.html"
-    _write_text(page, page_of(options, facts, states, points, comparisons, switches))
+    _write_text(page, page_of(options, facts, states, points, comparisons, switches, together))
     return page
 
 

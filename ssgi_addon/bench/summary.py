@@ -80,6 +80,32 @@ def compare_all(points: Points) -> dict[str, list[Comparison]]:
     return found
 
 
+def mean_dots(points: Points) -> list[Dot]:
+    """Return each method over all scenes: time and error of the picture relative to the first yardstick's.
+
+    Geometric means over the scenes that have the yardstick; methods that one of those lacks are left out, as
+    all are where there are fewer than two.
+    """
+    own = {
+        scene: {dot.point.method: dot for dot in dots(found, "picture")} for scene, found in points.items()
+    }
+    own = {scene: by_method for scene, by_method in own.items() if YARDSTICKS[0] in by_method}
+    if len(own) < 2:
+        return []
+    first, *others = own.values()
+    found = []
+    for method, dot in first.items():
+        if dot.point.role == "switch" or not all(method in by_method for by_method in others):
+            continue
+        of = [(by_method[method], by_method[YARDSTICKS[0]]) for by_method in own.values()]
+        seconds = geometric_mean([dot.seconds / yardstick.seconds for dot, yardstick in of])
+        error = geometric_mean([dot.error / yardstick.error for dot, yardstick in of])
+        assert seconds is not None
+        assert error is not None
+        found.append(Dot(dot.point, seconds, error))
+    return found
+
+
 def _at_yardsticks(by_scene: Mapping[str, Sequence[Dot]]) -> list[Comparison]:
     """Compare the frontier of our presets and their samples with single points of Cycles."""
     rows = []

@@ -17,7 +17,7 @@ from ssgi_addon.bench.options import BenchOptions
 from ssgi_addon.bench.points import dots, points_of, read_csv, write_csv
 from ssgi_addon.bench.report import write_report
 from ssgi_addon.bench.store import picture_path, scene_folder
-from ssgi_addon.bench.summary import YARDSTICKS, compare_all, compare_switches
+from ssgi_addon.bench.summary import YARDSTICKS, compare_all, compare_switches, mean_dots
 from ssgi_addon.bench.tables import number, scene_table
 from ssgi_addon.cli import main
 from ssgi_addon.png import write_png
@@ -86,6 +86,25 @@ def test_comparison_at_equal_time_is_the_ratio_of_the_curves(states):
     row = rows[f"error at the time of {YARDSTICKS[0]}"]
     assert row.ratios == dict.fromkeys(SCENES)
     assert (row.mean, row.worst, row.wins, row.losses) == (None, None, 0, 2)
+
+
+def test_all_scenes_together_are_relative_to_one_denoised_sample(states):
+    """Errors of the second scene are a multiple of the first's, the yardstick's too: no ratio moves."""
+    points = {state.name: points_of(state, METHODS) for state in states}
+    together = {dot.point.method: dot for dot in mean_dots(points)}
+    alone = {dot.point.method: dot for dot in dots(points[states[0].name], "picture")}
+    yardstick = alone[YARDSTICKS[0]]
+    for name, dot in together.items():
+        assert dot.error == pytest.approx(alone[name].error / yardstick.error)
+        assert dot.seconds == pytest.approx(alone[name].seconds / yardstick.seconds)
+    assert not any(dot.point.role == "switch" for dot in together.values())
+    assert mean_dots({states[0].name: points[states[0].name]}) == []
+
+
+def test_what_one_scene_lacks_is_not_in_the_mean(states):
+    points = {state.name: points_of(state, METHODS) for state in states}
+    missing = points[states[1].name].pop(0)
+    assert missing.method not in [dot.point.method for dot in mean_dots(points)]
 
 
 def test_switch_is_told_against_the_preset(states):
