@@ -173,11 +173,25 @@ def warnings(scene: bpy.types.Scene) -> list[str]:
     found = []
     if not scene.render.use_compositing:
         found.append("Compositing is off in Post Processing: the render does not show the added light")
-    if scene.render.engine == "CYCLES" and (scene.cycles.diffuse_bounces or scene.cycles.glossy_bounces):
-        found.append(
-            "Cycles renders indirect light too: set Diffuse and Glossy bounces to 0, or it counts twice"
-        )
+    double = _double_light(scene)
+    if double:
+        found.append(double)
     return found
+
+
+def _double_light(scene: bpy.types.Scene) -> str | None:
+    """Say why the render itself has the light that the group adds; None where it has not."""
+    if scene.render.engine != "CYCLES":
+        return None
+    settings = getattr(scene, "ssgi", None)
+    if settings is not None and settings.enabled:
+        if settings.replace_combined:
+            return "In Renders is on, and the render shows the light: remove these layers, or it counts twice"
+        if settings.replace_gi:
+            return None
+    if scene.cycles.diffuse_bounces or scene.cycles.glossy_bounces:
+        return "Cycles renders indirect light too: set Diffuse and Glossy bounces to 0, or it counts twice"
+    return None
 
 
 def _group_nodes(tree: bpy.types.NodeTree | None) -> list[bpy.types.Node]:
