@@ -85,6 +85,9 @@ class SSGI_PT_in_render(_SubPanel, bpy.types.Panel):
         column.active = settings.enabled and settings.id_data.render.engine == CYCLES
         column.prop(settings, "replace_combined")
         column.prop(settings, "replace_gi")
+        double = compositor.double_light(settings.id_data) if settings.enabled else None
+        if double:
+            draw_messages(layout, [double])
 
 
 class SSGI_PT_sampling(_SubPanel, bpy.types.Panel):

@@ -8,6 +8,7 @@ import pytest
 pytest.importorskip("bpy")
 
 from tests.blender.extension_fixtures import installed_extension  # noqa: F401  (a fixture)
+from tests.blender.stub_layout import STUB_LAYOUT
 from tests.tolerances import COMPOSITED
 
 ERROR_OF = """
@@ -125,14 +126,16 @@ result.append(len(compositor.warnings(scene)))
 
 
 def test_layers_beside_the_light_in_renders_are_warned_of(extension, tmp_path):
-    script = """
+    script = f"""{STUB_LAYOUT}
 from bl_ext.user_default.ssgi.ssgi_addon.blender import compositor
 scene = make_scene()
 bpy.ops.ssgi.render()
 def warnings(**changes):
     for name, value in changes.items():
         setattr(scene.ssgi, name, value)
-    return " ".join(compositor.warnings(scene))
+    drawn = draw("SSGI_PT_in_render", SimpleNamespace(scene=scene, engine=scene.render.engine))["labels"]
+    assert " ".join(drawn) == " ".join(compositor.warnings(scene)), drawn
+    return " ".join(drawn)
 result = [
     warnings(enabled=True),
     warnings(replace_combined=False),  # renders without bounces, and shows no light of ours
