@@ -9,6 +9,7 @@ from bpy.props import IntProperty
 from ..ssgi_addon.blender import preview
 from ..ssgi_addon.blender.camera import camera_obstacle
 from ..ssgi_addon.blender.float_image import show_in_editor
+from ..ssgi_addon.blender.render_settings import render_obstacle
 from ..ssgi_addon.errors import SSGIError
 
 
@@ -30,7 +31,7 @@ class SSGI_OT_preview(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        obstacle = camera_obstacle(context.scene)
+        obstacle = camera_obstacle(context.scene) or render_obstacle()
         if obstacle:
             cls.poll_message_set(obstacle)
         return obstacle is None

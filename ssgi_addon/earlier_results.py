@@ -39,7 +39,8 @@ def check_output(options: JobOptions, stems: Mapping[int, str]) -> None:
         path = options.output / f"{stem}.exr"
         if path.exists():
             raise SSGIError(
-                f"{path} is there already: add --overwrite, or --resume to skip it, or choose another folder"
+                f"{path} is there already: switch Overwrite on (--overwrite), skip it (--resume), or "
+                "choose another folder"
             )
 
 

@@ -143,9 +143,9 @@ class JobOptions:
     )
     fill: int = option(
         _DEFAULT["fill"],
-        "Light paths for every 4 x 4 pixels, with all bounces, in a small path-traced render: it brings the "
-        "light that rays cannot find. The denoiser cleans it unless that is off. 0 renders none. Costs about "
-        "as much as one sample of the whole frame at 16. Through Cycles only",
+        "Light paths for every 4 x 4 pixels, with all bounces, in a small path-traced render: by Fill "
+        "Mode it brings the light, or what rays cannot find. The denoiser cleans it unless that is off. 0 "
+        "renders none. Costs about as much as one sample of the whole frame at 16. Through Cycles only",
         label="Fill Samples",
         unit="paths/16 pixels",
         min=0,

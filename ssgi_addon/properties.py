@@ -200,7 +200,7 @@ class SSGI_PG_settings(
     )
     preset: EnumProperty(
         name="Preset",
-        description="Point between speed and accuracy; choosing one sets samples, rays, bounces and captures",
+        description="Point between speed and accuracy; choosing one sets samples, fill, rays and captures",
         items=_PRESET_ITEMS,
         default=DEFAULT_PRESET,
         update=_follow_preset,

@@ -16,6 +16,7 @@ import tempfile
 import traceback
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -27,10 +28,16 @@ REFERENCE_SAMPLES = 64
 PATIENCE = 1.5
 # Each picture of the render properties shows the main panel with these panels below it.
 PANELS = {
-    "panel": ("sampling", "beyond"),
+    "panel": ("in_render", "beyond"),
     "panel_passes": ("diffuse", "reflections"),
     "panel_results": ("compositing", "output", "compare", "advanced"),
 }
+# Of the ordinary render
+RENDER_SAMPLES = 64
+# Seconds between two looks at a render that runs, and how much of it is done in its picture
+GLANCE, DONE = 0.1, 0.4
+# Of the right end of the status bar, pixels
+STATUS_WIDTH = 352
 # Share of the window that the render properties get in their pictures, about the width that they have at work
 NARROW = 0.27
 
@@ -47,8 +54,10 @@ def steps() -> Iterator[float]:
     yield PATIENCE
     narrow, wide = sorted(window.screen.areas, key=lambda area: area.width * area.height)[-2:]
     yield from _panels(window, narrow)
+    yield from _running(window, narrow)
     yield from _image_editor(window, wide)
     yield from _compositor(window, wide)
+    yield from _in_render(window, wide)
 
 
 def _panels(window: bpy.types.Window, area: bpy.types.Area) -> Iterator[float]:
@@ -58,6 +67,22 @@ def _panels(window: bpy.types.Window, area: bpy.types.Area) -> Iterator[float]:
         area.spaces.active.context = "RENDER"
         yield PATIENCE
         _save(window, area, name)
+
+
+def _running(window: bpy.types.Window, area: bpy.types.Area) -> Iterator[float]:
+    """Save the panel and the status bar while a render runs, and stop it."""
+    background = importlib.import_module(f"{_module()}.ssgi_addon.blender.background")
+    _show_only(("main", "sampling"))
+    with bpy.context.temp_override(window=window, area=area):
+        bpy.ops.ssgi.render("INVOKE_DEFAULT")
+    while background.running() is not None and background.running().fraction < DONE:
+        yield GLANCE
+    _save(window, area, "running")
+    height = min(area.y for area in window.screen.areas)
+    status_bar = SimpleNamespace(x=window.width - STATUS_WIDTH, y=0, width=STATUS_WIDTH, height=height)
+    _save(window, status_bar, "running_status")
+    bpy.ops.ssgi.cancel_render()
+    yield PATIENCE
 
 
 def _image_editor(window: bpy.types.Window, area: bpy.types.Area) -> Iterator[float]:
@@ -88,6 +113,28 @@ def _compositor(window: bpy.types.Window, area: bpy.types.Area) -> Iterator[floa
         bpy.ops.node.view_all()
     yield PATIENCE
     _save(window, area, "compositor")
+
+
+def _in_render(window: bpy.types.Window, area: bpy.types.Area) -> Iterator[float]:
+    """Render as F12 does, with the light switched on and nothing in the compositor."""
+    scene = window.scene
+    with bpy.context.temp_override(window=window, scene=scene):
+        bpy.ops.ssgi.remove_layers()
+    scene.ssgi.enabled, scene.cycles.samples = True, RENDER_SAMPLES
+    bpy.context.preferences.view.render_display_type = "NONE"
+    with bpy.context.temp_override(window=window, area=area, scene=scene):
+        bpy.ops.render.render("INVOKE_DEFAULT")
+    yield PATIENCE
+    while bpy.app.is_job_running("RENDER"):
+        yield GLANCE
+    area.type = "IMAGE_EDITOR"
+    area.spaces.active.image = bpy.data.images["Render Result"]
+    area.spaces.active.show_region_ui = False
+    yield PATIENCE
+    with bpy.context.temp_override(window=window, area=area, region=_region(area, "WINDOW")):
+        bpy.ops.image.view_all(fit_view=True)
+    yield PATIENCE
+    _save(window, area, "in_render", shrink=2)
 
 
 def _demo_scene() -> None:
@@ -154,20 +201,33 @@ def _subclasses(cls: type) -> Iterator[type]:
         yield from _subclasses(child)
 
 
-def _save(window: bpy.types.Window, area: bpy.types.Area, name: str) -> None:
-    """Save what an editor shows.
+def _save(
+    window: bpy.types.Window, part: bpy.types.Area | SimpleNamespace, name: str, shrink: int = 1
+) -> None:
+    """Save what a part of the window shows: an editor, or whatever has its place and size.
+
+    `shrink` is how many pixels each way become one.
+    """
+    height, width = part.height // shrink, part.width // shrink
+    shown = _window_pixels(window)[part.y :, part.x :][: height * shrink, : width * shrink]
+    shown = shown.reshape(height, shrink, width, shrink, 3).mean(axis=(1, 3))
+    write_png = importlib.import_module(f"{_module()}.ssgi_addon.png").write_png
+    write_png(FOLDER / f"{name}.png", np.rint(shown[::-1] * 255.0).astype(np.uint8))
+
+
+def _window_pixels(window: bpy.types.Window) -> np.ndarray:
+    """Return what the window shows, (H, W, 3) float32, bottom row first.
 
     Blender's own screenshots are black with some drivers, software OpenGL among them; where the program
     ``scrot`` is installed, it takes the picture of a screen that the window fills.
     """
-    path = FOLDER / f"{name}.png"
-    if shutil.which("scrot") is None:
-        with bpy.context.temp_override(window=window, area=area):
-            bpy.ops.screen.screenshot_area(filepath=str(path))
-        return
     with tempfile.TemporaryDirectory() as folder:
         screen = Path(folder, "screen.png")
-        subprocess.run(["scrot", str(screen)], check=True)
+        if shutil.which("scrot") is None:
+            with bpy.context.temp_override(window=window):
+                bpy.ops.screen.screenshot(filepath=str(screen))
+        else:
+            subprocess.run(["scrot", str(screen)], check=True)
         image = bpy.data.images.load(str(screen))
         image.colorspace_settings.name = "Non-Color"
         width, height = image.size
@@ -176,9 +236,7 @@ def _save(window: bpy.types.Window, area: bpy.types.Area, name: str) -> None:
         bpy.data.images.remove(image)
     if (width, height) != (window.width, window.height):
         raise RuntimeError("start Blender in a window that fills the screen (--window-geometry)")
-    shown = pixels.reshape(height, width, 4)[area.y : area.y + area.height, area.x : area.x + area.width, :3]
-    write_png = importlib.import_module(f"{_module()}.ssgi_addon.png").write_png
-    write_png(path, np.rint(shown[::-1] * 255.0).astype(np.uint8))
+    return pixels.reshape(height, width, 4)[..., :3]
 
 
 def _run(pending: Iterator[float]) -> float | None:

@@ -170,14 +170,28 @@ def warnings(scene: bpy.types.Scene) -> list[str]:
     """Say why a render of `scene`, whose compositor holds the group, would not show what it should."""
     if not has_layers(scene):
         return []
-    found = []
     if not scene.render.use_compositing:
-        found.append("Compositing is off in Post Processing: the render does not show the added light")
-    if scene.render.engine == "CYCLES" and (scene.cycles.diffuse_bounces or scene.cycles.glossy_bounces):
-        found.append(
-            "Cycles renders indirect light too: set Diffuse and Glossy bounces to 0, or it counts twice"
-        )
-    return found
+        return ["Compositing is off in Post Processing: the render does not show the added light"]
+    double = double_light(scene)
+    return [double] if double else []
+
+
+def double_light(scene: bpy.types.Scene) -> str | None:
+    """Say why a render would show the light of the group twice, and what to do; None if it would not."""
+    if scene.render.engine != "CYCLES" or not (scene.render.use_compositing and has_layers(scene)):
+        return None
+    settings = getattr(scene, "ssgi", None)
+    if settings is not None and settings.enabled:
+        if settings.replace_combined:
+            return (
+                "In Renders is on, and the render shows the light: "
+                "take the layers out of the compositor, or it counts twice"
+            )
+        if settings.replace_gi:
+            return None
+    if scene.cycles.diffuse_bounces or scene.cycles.glossy_bounces:
+        return "Cycles renders indirect light too: set Diffuse and Glossy bounces to 0, or it counts twice"
+    return None
 
 
 def _group_nodes(tree: bpy.types.NodeTree | None) -> list[bpy.types.Node]:

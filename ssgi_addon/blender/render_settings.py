@@ -56,8 +56,12 @@ def borrow_scene(
     Raises
     ------
     SSGIError
-        If Cycles (where it renders), a usable camera, the view layer or a pixel to render is missing.
+        If Cycles (where it renders), a usable camera, the view layer or a pixel to render is missing, or a
+        render of Blender's runs.
     """
+    obstacle = render_obstacle()
+    if obstacle:
+        raise SSGIError(f"{obstacle}.")
     if engine_id == CYCLES:
         cycles_engine()
     layer = _find_view_layer(scene, view_layer)
@@ -85,6 +89,18 @@ def borrow_scene(
             use_fast_gi=False,
         )
     return layer
+
+
+def render_obstacle() -> str | None:
+    """Return why no render of ours may begin in this process; None if it may."""
+    if _is_rendering():
+        # A second one in the same process crashes Blender
+        return "Blender is rendering: wait for it, or stop it"
+    return None
+
+
+def _is_rendering() -> bool:
+    return bool(bpy.app.is_job_running("RENDER"))
 
 
 def borrow_bounces(restorer: Restorer, scene: bpy.types.Scene) -> None:

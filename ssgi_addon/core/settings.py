@@ -324,7 +324,8 @@ class Settings:
     )
     fill_mode: str = option(
         "level",
-        "What a fill is for",
+        "What a fill is for. Presets take its light in place of rays; one that is not denoised only ever "
+        "sets the level",
         label="Fill Mode",
         choices={
             "level": "Rays find the light everywhere, and the fill sets its level",
@@ -335,7 +336,7 @@ class Settings:
         0.2,
         "Where a fill brings the light, surfaces rougher than this trace no reflection rays and take the "
         "fill's glossy light. 1 traces them all",
-        label="Filled from Roughness",
+        label="Filled Roughness",
         min=0.0,
         max=1.0,
     )

@@ -22,6 +22,8 @@ from .presets import SSGI_PT_presets
 
 # Of the switches beyond the frame, those that limit the others.
 _WITHOUT_COST = ("budget", "mirrors_only")
+# Of what both passes share, what the fill is for; drawn below its samples.
+_FILL_USE = ("fill_mode", "filled_roughness", "visibility")
 
 
 class _RenderPanel:
@@ -52,11 +54,6 @@ class SSGI_PT_main(_RenderPanel, bpy.types.Panel):
     bl_label = "Screen-Space GI"
     bl_options = {"DEFAULT_CLOSED"}
 
-    def draw_header(self, context):
-        row = self.layout.row()
-        row.active = context.engine == "CYCLES"
-        row.prop(context.scene.ssgi, "enabled", text="")
-
     def draw_header_preset(self, context):
         SSGI_PT_presets.draw_panel_header(self.layout)
 
@@ -79,11 +76,18 @@ class SSGI_PT_in_render(_SubPanel, bpy.types.Panel):
     bl_label = "In Renders"
     bl_options = {"DEFAULT_CLOSED"}
 
+    def draw_header(self, context):
+        self.layout.active = context.engine == "CYCLES"
+        self.layout.prop(context.scene.ssgi, "enabled", text="")
+
     def draw_settings(self, layout, settings):
         column = layout.column()
         column.active = settings.enabled and settings.id_data.render.engine == CYCLES
         column.prop(settings, "replace_combined")
         column.prop(settings, "replace_gi")
+        double = compositor.double_light(settings.id_data) if settings.enabled else None
+        if double:
+            draw_messages(layout, [double])
 
 
 class SSGI_PT_sampling(_SubPanel, bpy.types.Panel):
@@ -149,6 +153,8 @@ class SSGI_PT_beyond(_SubPanel, bpy.types.Panel):
                 draw_cost(row, shares.get(name))
             for reason in reasons_skipped(record, name):
                 draw_messages(layout, [f"Last time skipped: {reason}"], icon="INFO")
+            if name == "fill":
+                _draw_fill_use(layout, settings, is_there=row.active and settings.fill > 0)
         layout.prop(settings, "keep_world")
         total = sum(shares.values())
         if total > settings.budget:
@@ -209,15 +215,26 @@ class SSGI_PT_advanced(_SubPanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw_settings(self, layout, settings):
-        _draw_options(layout, settings, Settings)
+        _draw_options(layout, settings, Settings, elsewhere=_FILL_USE)
 
 
-def _draw_options(layout, group, settings_type):
-    """Draw the options of a settings dataclass that leave a choice, without the one in the panel's header."""
+def _draw_fill_use(layout, settings, *, is_there):
+    """Draw what the fill is for, and which rays there are beside one that brings the light."""
+    column = layout.column()
+    column.active = is_there
+    column.prop(settings, "fill_mode")
+    rays = column.column()
+    rays.active = settings.fill_mode == "replace"
+    for name in _FILL_USE[1:]:
+        rays.prop(settings, name)
+
+
+def _draw_options(layout, group, settings_type, elsewhere=("enabled",)):
+    """Draw the options of a settings dataclass that leave a choice and are not drawn elsewhere."""
     column = layout.column()
     for item in fields(settings_type):
         choices = item.metadata.get("choices") or ()
-        if item.metadata and item.name != "enabled" and len(choices) != 1:
+        if item.metadata and item.name not in elsewhere and len(choices) != 1:
             row, methods = column.row(), item.metadata["methods"]
             row.active = methods is None or group.method in methods
             row.prop(group, item.name)

@@ -171,7 +171,7 @@ def test_results_are_replaced_on_request_alone(blend, tmp_path, capfd):
     assert main([*line, "--resolution", "24x18"]) == 1
     error = capfd.readouterr().err
     assert_one_clear_line(error)
-    assert "add --overwrite" in error
+    assert "--overwrite" in error
     assert files_below(tmp_path) == before
     assert main([*line, "--resolution", "24x18", "--overwrite"]) == 0
     assert read_layers(tmp_path / "room_0001.exr")["combined"].shape == (18, 24, 3)

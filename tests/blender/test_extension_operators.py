@@ -8,6 +8,7 @@ import pytest
 pytest.importorskip("bpy")
 
 from tests.blender.extension_fixtures import installed_extension  # noqa: F401  (a fixture)
+from tests.blender.stub_layout import STUB_LAYOUT
 from tests.tolerances import COMPOSITED
 
 ERROR_OF = """
@@ -122,3 +123,49 @@ scene.render.use_compositing = False
 result.append(len(compositor.warnings(scene)))
 """
     assert extension.run(script, tmp_path) == [0, 1, 0, 1]
+
+
+def test_layers_beside_the_light_in_renders_are_warned_of(extension, tmp_path):
+    script = f"""{STUB_LAYOUT}
+from bl_ext.user_default.ssgi.ssgi_addon.blender import compositor
+scene = make_scene()
+bpy.ops.ssgi.render()
+def warnings(**changes):
+    for name, value in changes.items():
+        setattr(scene.ssgi, name, value)
+    drawn = draw("SSGI_PT_in_render", SimpleNamespace(scene=scene, engine=scene.render.engine))["labels"]
+    assert " ".join(drawn) == " ".join(compositor.warnings(scene)), drawn
+    return " ".join(drawn)
+result = [
+    warnings(enabled=True),
+    warnings(replace_combined=False),  # renders without bounces, and shows no light of ours
+    warnings(replace_gi=False),
+]
+scene.ssgi.replace_combined, scene.render.engine = True, "BLENDER_WORKBENCH"
+result.append(warnings())
+"""
+    replaced, direct, with_bounces, other_engine = extension.run(script, tmp_path)
+    assert "In Renders is on" in replaced
+    assert direct == ""
+    assert "bounces to 0" in with_bounces
+    assert other_engine == ""
+
+
+def test_nothing_is_rendered_beside_a_render_of_blenders(extension, tmp_path):
+    script = """
+from bl_ext.user_default.ssgi.ssgi_addon.blender import render_settings
+scene = make_scene()
+render_settings._is_rendering = lambda: True  # no window here in which one could run meanwhile
+result = []
+for operator in (bpy.ops.ssgi.preview, bpy.ops.ssgi.render):
+    try:
+        operator()
+    except RuntimeError as error:
+        result.append(str(error))
+render_settings._is_rendering = lambda: False
+result.append(sorted(bpy.ops.ssgi.preview(percentage=100)))
+"""
+    preview, render, afterwards = extension.run(script, tmp_path)
+    assert "Blender is rendering" in preview
+    assert "Blender is rendering" in render
+    assert afterwards == ["FINISHED"]

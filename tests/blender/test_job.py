@@ -154,7 +154,7 @@ def test_frames_done_before_a_failure_are_in_the_report(room, options, monkeypat
 
 def test_later_frame_that_is_there_already_stops_before_the_first(room, options):
     render_frames(room, replace(options, frames=(3,)))
-    with pytest.raises(SSGIError, match=r"untitled_0003\.exr is there already: add --overwrite"):
+    with pytest.raises(SSGIError, match=r"untitled_0003\.exr is there already: switch Overwrite on"):
         render_frames(room, replace(options, frames=(1, 3)))
     assert not (options.output / "untitled_0001.exr").exists()
 

@@ -271,3 +271,43 @@ result = [settings.bl_rna.properties[name].description for name in ("max_distanc
 """
     for text in extension.run(script, tmp_path):
         assert "0 is without limit" in text or "0 takes as many" in text
+
+
+def test_switch_of_renders_stands_in_its_own_panel(extension, tmp_path):
+    script = f"""{STUB_LAYOUT}
+scene = make_scene()
+def drawn(engine):
+    scene.render.engine = engine
+    panels = {{name: draw(name, SimpleNamespace(scene=scene, engine=engine)) for name in our_panels()
+              if getattr(bpy.types, name).bl_space_type == "PROPERTIES"}}
+    return [[name for name, what in panels.items() if "enabled" in what[kind]]
+            for kind in ("properties", "greyed")]
+scene.ssgi.enabled = True
+eevee = "BLENDER_EEVEE" if bpy.app.version >= (5, 0, 0) else "BLENDER_EEVEE_NEXT"
+result = [drawn("CYCLES"), drawn(eevee)]
+"""
+    passes = ["SSGI_PT_diffuse", "SSGI_PT_reflections"]
+    (with_cycles, grey_with_cycles), (_, grey_with_eevee) = extension.run(script, tmp_path)
+    assert with_cycles == sorted(["SSGI_PT_in_render", *passes])
+    assert grey_with_cycles == []
+    assert grey_with_eevee == ["SSGI_PT_in_render"]
+
+
+def test_use_of_the_fill_follows_its_samples(extension, tmp_path):
+    script = f"""{STUB_LAYOUT}
+scene = make_scene()
+def drawn():
+    what = draw("SSGI_PT_beyond", SimpleNamespace(scene=scene, engine="CYCLES"))
+    uses = ("fill", "fill_mode", "filled_roughness", "visibility")
+    return [[name for name in what[kind] if name in uses] for kind in ("properties", "greyed")]
+result = [drawn()]
+scene.ssgi.fill_mode = "level"
+result.append(drawn())
+scene.ssgi.fill = 0
+result.append(drawn())
+"""
+    names = ["fill", "fill_mode", "filled_roughness", "visibility"]
+    replaced, level, nothing = extension.run(script, tmp_path)
+    assert replaced == [names, []]
+    assert level == [names, names[2:]]
+    assert nothing == [names, names[1:]]

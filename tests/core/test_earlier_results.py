@@ -29,7 +29,7 @@ def options(tmp_path):
 
 
 def test_earlier_results_are_refused_unless_replaced_or_kept(options):
-    with pytest.raises(SSGIError, match=r"room_0001\.exr is there already: add --overwrite, or --resume"):
+    with pytest.raises(SSGIError, match=r"room_0001\.exr is there already: switch Overwrite on"):
         check_output(options, STEMS)
     for change in ({"overwrite": True}, {"resume": True}):
         check_output(replace(options, **change), STEMS)
