@@ -6,7 +6,7 @@ from __future__ import annotations
 import bpy
 
 from ..ssgi_addon.blender import compare_image
-from ..ssgi_addon.blender.float_image import show_in_editor
+from ..ssgi_addon.blender.float_image import present
 from ..ssgi_addon.errors import SSGIError
 
 
@@ -30,8 +30,7 @@ class SSGI_OT_show_comparison(bpy.types.Operator):
         except SSGIError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        if not show_in_editor(context, image):
-            self.report({"INFO"}, f"No image editor is open: choose the image '{image.name}' in one")
+        present(self, context, image)
         return {"FINISHED"}
 
 

@@ -8,7 +8,7 @@ from bpy.props import IntProperty
 
 from ..ssgi_addon.blender import preview
 from ..ssgi_addon.blender.camera import camera_obstacle
-from ..ssgi_addon.blender.float_image import show_in_editor
+from ..ssgi_addon.blender.float_image import present
 from ..ssgi_addon.blender.render_settings import render_obstacle
 from ..ssgi_addon.errors import SSGIError
 
@@ -50,8 +50,7 @@ class SSGI_OT_preview(bpy.types.Operator):
             return {"CANCELLED"}
         finally:
             window_manager.progress_end()
-        if not show_in_editor(context, image):
-            self.report({"INFO"}, f"No image editor is open: choose the image '{image.name}' in one")
+        present(self, context, image)
         return {"FINISHED"}
 
 

@@ -42,7 +42,7 @@ def show_in_image(name: str, pixels: npt.ArrayLike, *, is_light: bool = True) ->
     return image
 
 
-def show_in_editor(context: bpy.types.Context, image: bpy.types.Image) -> bool:
+def _show_in_editor(context: bpy.types.Context, image: bpy.types.Image) -> bool:
     """Show an image, as large as fits, in the editor of `context` or in another image editor that is open.
 
     Returns
@@ -65,6 +65,12 @@ def show_in_editor(context: bpy.types.Context, image: bpy.types.Image) -> bool:
     with context.temp_override(window=window, area=area, region=region):
         bpy.ops.image.view_all(fit_view=True)
     return True
+
+
+def present(operator: bpy.types.Operator, context: bpy.types.Context, image: bpy.types.Image) -> None:
+    """Show an image in an editor that is open, or let an operator tell its name where no editor is open."""
+    if not _show_in_editor(context, image):
+        operator.report({"INFO"}, f"No image editor is open: choose the image '{image.name}' in one")
 
 
 def _image_of_size(name: str, width: int, height: int) -> bpy.types.Image:

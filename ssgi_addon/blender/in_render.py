@@ -48,7 +48,7 @@ from .declared_passes import (
     needed_passes,
 )
 from .engines import engine_named
-from .render_settings import LARGEST_TILE_PX
+from .render_settings import LARGEST_TILE_PX, refuse_more_than_a_tile
 from .restore import Restorer
 from .roughness import RoughnessSource, borrow_roughness
 
@@ -212,12 +212,7 @@ def _plan(
 ) -> _Plan:
     scene, layer_name = depsgraph.scene, depsgraph.view_layer.name
     check_camera(scene)
-    if max(full_size(scene)) > LARGEST_TILE_PX:
-        width, height = full_size(scene)
-        raise SSGIError(
-            f"{width} x {height} pixels are more than Cycles hands over in one piece: "
-            f"render at most {LARGEST_TILE_PX} pixels a side."
-        )
+    refuse_more_than_a_tile(full_size(scene))
     source = roughness.get((scene.name, layer_name))
     if source is None:
         raise SSGIError(f"View layer '{layer_name}' came in the middle of a render: start it again.")

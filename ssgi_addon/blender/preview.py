@@ -10,6 +10,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from ..core import composite
 from ..job_options import JobOptions
 from ..results import FloatArray, Picture
 from .camera import full_size
@@ -52,10 +53,12 @@ def render_preview(
 
 
 def _with_look(picture: Picture, group: bpy.types.PropertyGroup) -> FloatArray:
-    """Return direct + Ds * Dt * albedo * diffuse + Gs * Gt * specular * glossy, as the node group does."""
-    gbuffer, light = picture.frame.gbuffer, picture.light
-    diffuse = np.float32(group.diffuse_strength) * np.array(group.diffuse_tint, np.float32)
-    glossy = np.float32(group.glossy_strength) * np.array(group.glossy_tint, np.float32)
-    return (
-        gbuffer.direct + diffuse * gbuffer.albedo * light.diffuse + glossy * gbuffer.specular * light.glossy
-    )
+    """Return the picture with strength and tint of each kind of light, as the node group makes it."""
+    light = picture.light
+    looks = {
+        kind: np.float32(getattr(group, f"{kind}_strength"))
+        * np.array(getattr(group, f"{kind}_tint"), np.float32)
+        * getattr(light, kind)
+        for kind in ("diffuse", "glossy")
+    }
+    return composite(picture.frame.gbuffer, replace(light, **looks))

@@ -127,7 +127,7 @@ def borrow_framing(restorer: Restorer, scene: bpy.types.Scene, resolution: tuple
         width, height = resolution
         if width < 1 or height < 1:
             raise SSGIError(f"Resolution {width} x {height} has no pixels: give at least 1 x 1.")
-        _refuse_more_than_a_tile(resolution)  # the properties would cut it off without a word
+        refuse_more_than_a_tile(resolution)  # the properties would cut it off without a word
         # Sizes below the smallest that the property takes are a percentage of larger ones.
         scale = 1 if min(width, height) >= _SMALLEST_RESOLUTION_PX else _SMALLEST_RESOLUTION_PX
         restorer.change(
@@ -145,7 +145,7 @@ def borrow_framing(restorer: Restorer, scene: bpy.types.Scene, resolution: tuple
             f"Scene '{scene.name}' renders {width} x {height} pixels: raise the resolution or its "
             "percentage, or widen the render border, in Output properties > Format."
         )
-    _refuse_more_than_a_tile(full_size(scene))
+    refuse_more_than_a_tile(full_size(scene))
     if scene.render.engine == CYCLES:
         restorer.change(
             scene.cycles, tile_size=max(scene.cycles.tile_size, *full_size(scene)), use_auto_tile=False
@@ -183,7 +183,8 @@ def borrow_passes(restorer: Restorer, view_layer: bpy.types.ViewLayer, names: tu
         restorer.change(view_layer.cycles, **of_cycles)
 
 
-def _refuse_more_than_a_tile(size: tuple[int, int]) -> None:
+def refuse_more_than_a_tile(size: tuple[int, int]) -> None:
+    """Raise SSGIError where a frame of that width and height is more than Cycles hands over in memory."""
     if max(size) > LARGEST_TILE_PX:
         raise SSGIError(
             f"{size[0]} x {size[1]} pixels are more than a render returns in one piece: "

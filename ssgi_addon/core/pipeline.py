@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import parallel, reflections
-from .bounces import DiffusePass
+from .bounces import DiffuseLight, DiffusePass
 from .camera import Camera
 from .denoise import filter_light
 from .environment import Environment
@@ -23,7 +23,7 @@ from .light import IndirectLight, fill_unknown, luminance
 from .planner import Plan, plan_passes
 from .scene import TraceScene, View
 from .settings import Settings
-from .silhouettes import find_silhouettes, settle_silhouettes
+from .silhouettes import find_surface_edges, settle_silhouettes
 from .types import FloatArray, IntArray
 
 # How diffuse rays are taken where a fill brings the light.
@@ -102,6 +102,8 @@ class _Run:
     """The arrays of one call of `render_indirect`, filled step by step."""
 
     scene: TraceScene
+    # The method that `scene` is made for
+    walked_by = ""
 
     def __init__(
         self,
@@ -139,13 +141,12 @@ class _Run:
     def take_rays(self, views: Sequence[View]) -> None:
         """Find the light by rays; a fill sets its level."""
         plan, method = self.plan, self.settings.reflections.method
-        walk = "hierarchical" if plan.diffuse.size else method
-        self._build_scene(views, walk)
+        self._see(views, "hierarchical" if plan.diffuse.size else method)
         with self.timed("diffuse"):
             self._trace_diffuse(plan.diffuse)
+        if plan.reflections.size:
+            self._see(views, method)
         with self.timed("reflections"):
-            if method != walk and plan.reflections.size:
-                self._build_scene(views, method)
             self._keep_rough()
             self._trace_reflections(plan.reflections)
         if self.fill is not None:
@@ -159,22 +160,26 @@ class _Run:
         with self.timed("fill"):
             self._spread(self.fill)
         if seen.size and self.settings.visibility:
-            self._build_scene(views, "hierarchical")
+            self._see(views, "hierarchical")
             with self.timed("diffuse"):
                 self._trace_visibility(seen)
         if mirrors.size:
-            self._build_scene(views, self.settings.reflections.method)
+            self._see(views, self.settings.reflections.method)
             with self.timed("reflections"):
                 self.handed_on = handed_on_by_fill(self.fill, self.scene, self.images, self.settings.threads)
                 self._trace_reflections(mirrors)
         with self.timed("fill"):
-            is_silhouette = find_silhouettes(self.gbuffer, self.camera)
+            is_silhouette = find_surface_edges(self.gbuffer, self.camera)
             for name, color in (("diffuse", self.gbuffer.albedo), ("glossy", self.gbuffer.specular)):
                 self.images[name] = settle_silhouettes(self.images[name], color, is_silhouette)
 
-    def _build_scene(self, views: Sequence[View], method: str) -> None:
+    def _see(self, views: Sequence[View], method: str) -> None:
+        """Make the scene that rays walk by a method, unless it is there already."""
+        if method == self.walked_by:
+            return
         with self.timed("pyramid"):
             self.scene = TraceScene(self.gbuffer, self.camera, views, self.settings, method=method)
+        self.walked_by = method
 
     def _trace_diffuse(self, pixels: IntArray) -> None:
         """Make diffuse, environment_diffuse, visibility and known_diffuse, and keep what mirrors show."""
@@ -184,12 +189,9 @@ class _Run:
             self.scene, self.settings, self.dim_sky, self.plan.bright_sky, self._advance,
             is_reflected=self.plan.reflections.size > 0,
         )  # fmt: skip
-        light = work.trace(pixels)
-        self.rays |= work.rays
+        light = self._trace_hemispheres(work, pixels)
         self._keep("diffuse", pixels, light.radiance)
         self._keep("environment_diffuse", pixels, light.environment)
-        self._keep("visibility", pixels, light.visibility, elsewhere=1.0)
-        self._keep("known_diffuse", pixels, light.known, elsewhere=1.0)
         if self.plan.reflections.size:
             self.handed_on = self.scene.table("bounce_albedo") * work.handed_on()
 
@@ -198,13 +200,18 @@ class _Run:
         diffuse = replace(self.settings.diffuse, **_FOR_VISIBILITY)
         settings = replace(self.settings, diffuse=diffuse)
         work = DiffusePass(self.scene, settings, None, None, self._advance, is_reflected=False)
+        self._trace_hemispheres(work, pixels)
+        # Lobes so wide know about as much as the hemisphere
+        known = self.images["known_diffuse"].reshape(-1).take(self.plan.glossy)
+        self._keep("known_glossy", self.plan.glossy, known, elsewhere=1.0)
+
+    def _trace_hemispheres(self, work: DiffusePass, pixels: IntArray) -> DiffuseLight:
+        """Trace diffuse rays; keep what they tell beside light."""
         light = work.trace(pixels)
         self.rays |= work.rays
         self._keep("visibility", pixels, light.visibility, elsewhere=1.0)
         self._keep("known_diffuse", pixels, light.known, elsewhere=1.0)
-        # Lobes so wide know about as much as the hemisphere
-        known = self.images["known_diffuse"].reshape(-1).take(self.plan.glossy)
-        self._keep("known_glossy", self.plan.glossy, known, elsewhere=1.0)
+        return light
 
     def _trace_reflections(self, pixels: IntArray) -> None:
         """Make glossy and known_glossy."""

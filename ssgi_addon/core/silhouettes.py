@@ -24,7 +24,7 @@ _OUTLIERS = 2
 _LEAST_LIGHT = 1e-6
 
 
-def find_silhouettes(gbuffer: GBuffer, camera: Camera) -> BoolArray:
+def find_surface_edges(gbuffer: GBuffer, camera: Camera) -> BoolArray:
     """Return which pixels (H, W) have a neighbour beside, above or below of another surface."""
     shape = gbuffer.shape
     with np.errstate(invalid="ignore"):

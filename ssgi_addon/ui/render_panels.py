@@ -77,7 +77,7 @@ class SSGI_PT_in_render(_SubPanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw_header(self, context):
-        self.layout.active = context.engine == "CYCLES"
+        self.layout.active = context.engine == CYCLES
         self.layout.prop(context.scene.ssgi, "enabled", text="")
 
     def draw_settings(self, layout, settings):
@@ -103,32 +103,34 @@ class SSGI_PT_sampling(_SubPanel, bpy.types.Panel):
         column.prop(settings, "own_geometry")
 
 
-class SSGI_PT_diffuse(_SubPanel, bpy.types.Panel):
+class _PassPanel(_SubPanel):
+    """One kind of light: its switch, and its options."""
+
+    bl_options = {"DEFAULT_CLOSED"}
+    group: str
+    settings_type: type
+
+    def draw_header(self, context):
+        self.layout.prop(getattr(context.scene.ssgi, self.group), "enabled", text="")
+
+    def draw_settings(self, layout, settings):
+        group = getattr(settings, self.group)
+        layout.active = group.enabled
+        _draw_options(layout, group, self.settings_type)
+
+
+class SSGI_PT_diffuse(_PassPanel, bpy.types.Panel):
     """The diffuse indirect light."""
 
     bl_label = "Diffuse"
-    bl_options = {"DEFAULT_CLOSED"}
-
-    def draw_header(self, context):
-        self.layout.prop(context.scene.ssgi.diffuse, "enabled", text="")
-
-    def draw_settings(self, layout, settings):
-        layout.active = settings.diffuse.enabled
-        _draw_options(layout, settings.diffuse, DiffuseSettings)
+    group, settings_type = "diffuse", DiffuseSettings
 
 
-class SSGI_PT_reflections(_SubPanel, bpy.types.Panel):
+class SSGI_PT_reflections(_PassPanel, bpy.types.Panel):
     """The glossy indirect light."""
 
     bl_label = "Reflections"
-    bl_options = {"DEFAULT_CLOSED"}
-
-    def draw_header(self, context):
-        self.layout.prop(context.scene.ssgi.reflections, "enabled", text="")
-
-    def draw_settings(self, layout, settings):
-        layout.active = settings.reflections.enabled
-        _draw_options(layout, settings.reflections, ReflectionSettings)
+    group, settings_type = "reflections", ReflectionSettings
 
 
 class SSGI_PT_beyond(_SubPanel, bpy.types.Panel):

@@ -58,7 +58,8 @@ def draw(name, context=None):
     panel = getattr(bpy.types, name)
     layout = Layout()
     plain = {key: value for cls in reversed(panel.__mro__[:-1]) for key, value in vars(cls).items()
-             if key.startswith(("draw", "_"))and callable(value) and not key.startswith("__")}
+             if key.startswith(("draw", "_")) and callable(value) and not key.startswith("__")
+             or key in ("group", "settings_type")}
     this = type("This", (), plain)()
     this.layout = layout
     for method in ("draw_header", "draw_header_preset", "draw"):

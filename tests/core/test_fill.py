@@ -10,7 +10,7 @@ import pytest
 
 from ssgi_addon.core import Camera, Fill, GBuffer, IndirectLight, render_indirect
 from ssgi_addon.core.fill_level import Answered, set_level
-from ssgi_addon.core.silhouettes import find_silhouettes
+from ssgi_addon.core.silhouettes import find_surface_edges
 from ssgi_addon.surface_light import limit_fireflies
 from tests.core.synthetic import Plane, capture, look_at, make_settings, random_gbuffer, uniform_gbuffer
 from tests.tolerances import (
@@ -403,7 +403,7 @@ def test_mirrors_show_what_the_fill_lights():
     fill = clean_fill_of([mirror, WALL], camera_of((32, 24)), diffuse=0.6, glossy=0.2)
     light = render_indirect(gbuffer, camera, replacing(visibility=False), fill=fill)
     floor = (gbuffer.roughness == 0.0) & ~gbuffer.is_background
-    floor &= ~find_silhouettes(gbuffer, camera)
+    floor &= ~find_surface_edges(gbuffer, camera)
     met, lost = (floor & (light.known_glossy == known) for known in (1.0, 0.0))
     assert met.sum() > 100
     np.testing.assert_allclose(light.glossy[met], 1.4, rtol=FILTER_RELATIVE)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ssgi_addon.core import Camera
-from ssgi_addon.core.silhouettes import find_silhouettes, settle_silhouettes
+from ssgi_addon.core.silhouettes import find_surface_edges, settle_silhouettes
 from tests.core.synthetic import Plane, capture
 from tests.tolerances import FILTER_RELATIVE, MIXED_LIGHT
 
@@ -26,20 +26,20 @@ def test_steep_plane_has_no_silhouette_and_a_step_has_one(orthographic):
     covered = ~gbuffer.is_background
     inside = covered[:, :-2] & covered[:, 1:-1] & covered[:, 2:]
     assert inside.any()
-    assert not find_silhouettes(gbuffer, camera)[:, 1:-1][inside].any()
+    assert not find_surface_edges(gbuffer, camera)[:, 1:-1][inside].any()
     plate = Plane((0.0, 0.0, -4.5), (0.0, 0.0, 1.0), bounds=lambda points: points[:, 0] < 0.0)
-    found = find_silhouettes(capture(camera, [plate, WALL]), camera)
+    found = find_surface_edges(capture(camera, [plate, WALL]), camera)
     np.testing.assert_array_equal(found.any(axis=0), np.isin(np.arange(48), (23, 24)))
     assert found[:, 23:25].all()
 
 
 def test_fold_is_one_and_background_is_none():
     floor = Plane((0.0, -1.0, 0.0), (0.0, 1.0, 0.0))
-    found = find_silhouettes(capture(CAMERA, [floor, WALL]), CAMERA)
+    found = find_surface_edges(capture(CAMERA, [floor, WALL]), CAMERA)
     assert found.any(axis=1).sum() == 2
     lonely = Plane((0.0, 0.0, -5.0), (0.0, 0.0, 1.0), bounds=lambda points: points[:, 0] < 0.0)
     gbuffer = capture(CAMERA, [lonely])
-    assert not find_silhouettes(gbuffer, CAMERA)[gbuffer.is_background].any()
+    assert not find_surface_edges(gbuffer, CAMERA)[gbuffer.is_background].any()
 
 
 def test_mixture_takes_each_light_by_its_own_colour():
