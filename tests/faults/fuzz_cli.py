@@ -213,7 +213,7 @@ def _run(work: Path, line: list[str], output: Path) -> tuple[str, str]:
         except BaseException:
             code = traceback.format_exc()
     out, err = texts
-    fault = _fault(code, err, output)
+    fault = _fault(code, out, err, output)
     if _hashes(work / "in") != before:
         fault = fault or "an input was changed"
     left = [path.name for path in work.rglob("*") if path.name.endswith(".tmp")]
@@ -223,7 +223,7 @@ def _run(work: Path, line: list[str], output: Path) -> tuple[str, str]:
     return ended, f"{fault}\n{line}\n{out}\n{err}" if fault else ""
 
 
-def _fault(code: int | str, err: str, output: Path) -> str:
+def _fault(code: int | str, out: str, err: str, output: Path) -> str:
     said = [line for line in err.splitlines() if not line[:4].strip().endswith("%")]
     if code == 0:
         if said:
@@ -235,7 +235,7 @@ def _fault(code: int | str, err: str, output: Path) -> str:
         return "" if output.is_file() else "there is no result"
     if code != 1:
         return str(code)
-    if len(said) != 1 or not said[0].startswith("ssgi: error: ") or not said[0].isprintable():
+    if out or len(said) != 1 or not said[0].startswith("ssgi: error: ") or not said[0].isprintable():
         return "not one clear line"
     return "a failure left a result" if output.parent.exists() and list(output.parent.iterdir()) else ""
 
