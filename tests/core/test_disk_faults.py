@@ -350,11 +350,11 @@ from ssgi_addon.cli import main
 from tests.faults.fuzz_cli import large_passes
 path = large_passes(Path(sys.argv[1]))
 # Once at first, so that everything is loaded
-main(["apply", str(path), "--output", str(path.with_name("first.exr")), "--rays", "1"])
+main(["apply", str(path), "--output", str(path.with_name("first.exr"))])
 taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (taken + (int(sys.argv[2]) << 20), -1))
 print("limited", file=sys.stderr, flush=True)
-sys.exit(main(["apply", str(path), "--output", str(path.with_name("second.exr")), "--rays", "1"]))
+sys.exit(main(["apply", str(path), "--output", str(path.with_name("second.exr"))]))
 """
 
 

@@ -19,7 +19,7 @@ import warnings
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -97,10 +97,13 @@ def make_good_files(folder: Path) -> None:
 
 
 def large_passes(folder: Path) -> Path:
-    """Write passes of a frame that takes some tens of megabytes to compute."""
+    """Write passes of a frame that takes some tens of megabytes to compute, by one thread.
+
+    Where memory runs out, Python may wait forever for a thread that could not start.
+    """
     camera, gbuffer = _view(np.random.default_rng(SEED), 640, 360)
     frame = CapturedFrame(gbuffer, camera, None, "cycles", True, True)
-    return write_passes(frame, folder / "passes", "a_0001", Settings.preset("draft"))
+    return write_passes(frame, folder / "passes", "a_0001", replace(Settings.preset("draft"), threads=1))
 
 
 def _own_frame(rng: np.random.Generator) -> CapturedFrame:

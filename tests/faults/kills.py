@@ -64,19 +64,21 @@ def run(command: Sequence[str], temporary: Path) -> float:
     return time.monotonic() - begun
 
 
-def kill(command: Sequence[str], temporary: Path, seconds: float, rng: np.random.Generator) -> bool:
+def kill(
+    command: Sequence[str], temporary: Path, seconds: float, rng: np.random.Generator, step: str, frames: int
+) -> bool:
     """Run a command and kill it: half of the times when it writes, else within so many seconds.
 
-    Return whether it was killed before its end.
+    It says `step` before it writes a frame. Return whether it was killed before its end.
     """
     process = subprocess.Popen(
         command, cwd=ROOT, env=environment(TMPDIR=str(temporary)), stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     if rng.random() < 0.5:
-        wanted, wait = int(rng.integers(1, 4)), rng.uniform(0.0, _WRITING)
+        wanted, wait = int(rng.integers(1, frames + 1)), rng.uniform(0.0, _WRITING)
         for line in process.stderr:
-            wanted -= "Writing" in line
+            wanted -= step in line
             if not wanted:
                 break
         time.sleep(wait)
@@ -142,7 +144,7 @@ def kill_renders(blend: Path, folder: Path, count: int, rng: np.random.Generator
             shutil.copytree(folder / "old", output)
         way = ["--overwrite"] if is_over_older else ["--resume"]
         command = render_command(blend, output, *way)
-        was_killed = kill(command, temporary, seconds, rng)
+        was_killed = kill(command, temporary, seconds, rng, "Writing", frames=3)
         faults = list(half_files(output, old if is_over_older else {}, new))
         kept = {path: path.stat().st_mtime_ns for path in output.glob("*.exr")}
         run(command, temporary)
@@ -166,7 +168,7 @@ def kill_applies(passes: Path, folder: Path, count: int, rng: np.random.Generato
     new = output.read_bytes()
     for index in range(count):
         output.write_bytes(b"old")
-        was_killed = kill(apply_command(passes, output), temporary, seconds, rng)
+        was_killed = kill(apply_command(passes, output), temporary, seconds, rng, "100%", frames=1)
         faults = []
         if output.read_bytes() not in (b"old", new):
             faults.append("the result is neither old nor new")
