@@ -27,6 +27,7 @@ autodoc_typehints = "none"  # the docstrings say shapes and units, which the typ
 autodoc_member_order = "bysource"
 napoleon_google_docstring = False
 napoleon_use_ivar = True
+napoleon_attr_annotations = False
 napoleon_use_rtype = False
 default_role = "code"
 add_module_names = False

@@ -65,7 +65,8 @@ def _spelled(action: argparse.Action) -> str:
 
 def _help(action: argparse.Action) -> str:
     text = (action.help or "") % {"default": action.default} if "%(" in (action.help or "") else action.help
-    text = text or ""
+    # As code: two hyphens would become a dash
+    text = re.sub(r"(--[a-z][\w-]*)", r"`\1`", text or "")
     return f"{text[:1].upper()}{text[1:]}"
 
 

@@ -10,6 +10,7 @@ import re
 import pytest
 
 import ssgi_addon.core
+from docs.site import one_attribute_each
 from tests.core.settings_pages import text_of
 
 DIRECTIVE = re.compile(r"^\.\. auto(\w+):: ([\w.]+)\n(?:   :members: (.+)\n)?", re.MULTILINE)
@@ -45,6 +46,15 @@ def test_every_public_name_of_core_is_there():
 @pytest.mark.parametrize("name", DOCUMENTED)
 def test_everything_has_a_docstring(name):
     assert inspect.getdoc(DOCUMENTED[name])
+
+
+def test_attributes_that_share_a_text_have_it_each():
+    lines = ["A frame.", "", "Attributes", "----------", "a, b : (H, W)", "    Both.", "c", "    Third.", ""]
+    split = ["a : (H, W)", "    Both.", "b : (H, W)", "    Both.", "c", "    Third.", ""]
+    assert one_attribute_each(lines) == lines[:4] + split
+    rest = ["Raises", "------", "ValueError", "    If a, b differ."]
+    assert one_attribute_each(lines + rest) == lines[:4] + split + rest
+    assert one_attribute_each(rest) == rest
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
