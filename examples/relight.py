@@ -2,14 +2,15 @@
 """Change a rendered picture's colours and light, and compute its indirect light anew, without rendering.
 
     pip install .
-    python examples/relight.py render.exr --output relit.exr --paint 0.8,0.1,0.1=0.1,0.3,0.8 --light 1.5
+    python examples/relight.py render.exr --output relit.exr --paint 20,90=0.1,0.3,0.8 --light 1.5
 
 render.exr is a multilayer EXR file that Cycles wrote, with the passes Depth, Normal, Position, Diffuse and
 Glossy (Direct and Color), Emission and Environment of one view layer. Changed are
 
-    --paint OLD=NEW   surfaces of about the diffuse colour OLD, which become NEW (linear r,g,b); repeatable
-    --light FACTOR    the strength of all lamps
-    --sky R,G,B       light from everywhere outside, on top of what the render had
+    --paint X,Y=R,G,B   surfaces of the diffuse colour that the pixel X,Y has, from the top left: another one,
+                        linear; pixels that mix it with what is behind keep their colour
+    --light FACTOR      the strength of all lamps
+    --sky R,G,B         light from everywhere outside, on top of what the render had
 
 What the changed surfaces reflect on to others follows by itself: paint a wall red, and the floor before it
 reddens. Beside the result, relit.png shows the picture before and after, both with the indirect light that
@@ -33,7 +34,7 @@ from ssgi_addon.exr import read_layers
 from ssgi_addon.png import write_png
 from ssgi_addon.results import Picture, compute_picture, write_picture
 
-# How far apart two colours may be, in each channel, to count as the same paint
+# How far apart two colours may be in each channel and count as the same paint
 SAME_PAINT = 0.05
 
 
@@ -69,11 +70,11 @@ def light_up(
     return compute_picture(frame, settings)
 
 
-def paint(color: np.ndarray, changes: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-    """Return a colour pass with some colours in place of others."""
+def paint(color: np.ndarray, changes: list[tuple[int, int, np.ndarray]]) -> np.ndarray:
+    """Return a colour pass with new colours in place of those that some pixels have."""
     painted = color.copy()
-    for old, new in changes:
-        painted[(np.abs(color - old) < SAME_PAINT).all(axis=-1)] = new
+    for x, y, new in changes:
+        painted[(np.abs(color - color[y, x]) < SAME_PAINT).all(axis=-1)] = new
     return painted
 
 
@@ -91,10 +92,11 @@ def rgb(text: str) -> np.ndarray:
     return color
 
 
-def change(text: str) -> tuple[np.ndarray, np.ndarray]:
-    """Read `r,g,b=r,g,b`."""
-    old, _, new = text.partition("=")
-    return rgb(old), rgb(new)
+def change(text: str) -> tuple[int, int, np.ndarray]:
+    """Read `x,y=r,g,b`."""
+    pixel, _, color = text.partition("=")
+    x, y = map(int, pixel.split(","))
+    return x, y, rgb(color)
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -102,7 +104,7 @@ def parse_arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("render", metavar="RENDER.exr", type=Path)
     parser.add_argument("--output", metavar="FILE.exr", type=Path, default=Path("relit.exr"))
-    parser.add_argument("--paint", metavar="OLD=NEW", type=change, action="append", default=[])
+    parser.add_argument("--paint", metavar="X,Y=R,G,B", type=change, action="append", default=[])
     parser.add_argument("--light", metavar="FACTOR", type=float, default=1.0)
     parser.add_argument("--sky", metavar="R,G,B", type=rgb)
     parser.add_argument("--rays", metavar="N", type=int, default=32, help="per pixel (default: 32)")
