@@ -29,12 +29,14 @@ def write_rendered_passes(path: Path | str, width: int = 64, height: int = 36) -
     is_floor = (depth < WALL_DISTANCE)[..., None]
     points_vs = camera.pixel_to_view(x_px, y_px, depth)
     white, black = np.ones((height, width, 3)), np.zeros((height, width, 3))
+    albedo, irradiance = np.where(is_floor, RED, GREY), np.where(is_floor, white, black)
     passes = {
+        "Combined": albedo * irradiance,
         "Depth": depth,
         "Position": points_vs @ WORLD_FROM_VIEW[:3, :3].T + WORLD_FROM_VIEW[:3, 3],
         "Normal": np.where(is_floor, (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)),
-        "Diffuse Color": np.where(is_floor, RED, GREY),
-        "Diffuse Direct": np.where(is_floor, white, black),
+        "Diffuse Color": albedo,
+        "Diffuse Direct": irradiance,
         "Glossy Color": black,
         "Glossy Direct": black,
         "Emission": black,
