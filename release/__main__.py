@@ -8,7 +8,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from .contents import describe, problems, tracked_files
+from .contents import describe, files_that_ship, problems
 from .extension import ROOT, BuildError, build, stage
 from .wheels import PLATFORMS, WheelError, fetch_wheels
 
@@ -47,7 +47,7 @@ def main() -> int:
     found = []
     for archive in archives:
         print(describe(archive))
-        lines = problems(archive, tracked_files(), has_wheels=bool(wheels))
+        lines = problems(archive, files_that_ship(), has_wheels=bool(wheels))
         found += [f"{archive.name}: {line}" for line in lines]
     print(*found, sep="\n", end="\n" if found else "", file=sys.stderr)
     return 1 if found else 0

@@ -17,8 +17,14 @@ LARGEST_MB = 27.0
 MB = 1e6
 
 
-def tracked_files() -> set[str]:
-    """Return the paths of the files that ship and that git knows: nothing that merely lies about."""
+def files_that_ship() -> set[str]:
+    """Return the paths of what has to be in an archive besides wheels: of files that git knows.
+
+    What merely lies about is none of them. Where the repository came without git it is all that is there.
+    """
+    if not (ROOT / ".git").exists():
+        found = [path for name in SHIPPED for path in (ROOT / name, *(ROOT / name).rglob("*"))]
+        return {str(path.relative_to(ROOT)) for path in found if path.is_file() and path.suffix != ".pyc"}
     listed = subprocess.run(
         ["git", "-C", str(ROOT), "ls-files", "-z", "--", *SHIPPED], capture_output=True, check=True, text=True
     )
