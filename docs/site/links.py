@@ -17,6 +17,7 @@ PAGES = {
     "CONTRIBUTING.md": "docs/contributing.md",
     "CHANGELOG.md": "docs/changelog.md",
     "benchmarks/README.md": "docs/development_benchmarks.md",
+    "examples/README.md": "docs/examples.md",
 }
 _FENCE = re.compile(r"^ *(```|~~~)")
 _LINK = re.compile(r"(?P<before>\]\()(?P<target>[^)\s]+)(?P<after>\))")
