@@ -398,3 +398,8 @@ DENOISED_LIGHT_MEAN = 0.05
 EIGHT_BIT_STEPS = 0.01
 # Mean light of a small render that was made twice, and sums of it in float32, relative (measured: 1e-6).
 SAME_RENDER = 1e-4
+
+# Resident memory after frame 200, or after the extension was switched on 50 times, against that after 20,
+# relative: what counts as no growth. A run of 40 frames has grown by at most that, too.
+MEMORY_GROWTH = 0.05
+GROWTH_OF_A_SHORT_RUN = 0.05
