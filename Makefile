@@ -16,7 +16,7 @@ ifneq ($(SHARED_SCENES),)
 export SSGI_SCENES ?= $(abspath $(SHARED_SCENES))
 endif
 
-.PHONY: help env demo test lint bench bench-tracer pictures package clean
+.PHONY: help env demo test lint bench bench-tracer pictures docs package wheel clean
 
 help:
 	@echo "make env      environment with Blender as a Python module, in $(VENV)"
@@ -26,7 +26,9 @@ help:
 	@echo "make bench    error against time, ours and Blender's own ways, in bench/index.html (ARGS=--quick: minutes)"
 	@echo "make bench-tracer  speed and memory of the tracer, in benchmarks/results (minutes; keep the machine quiet)"
 	@echo "make pictures the pictures of docs/reflections.md (minutes; ARGS='rays reuse' for some)"
-	@echo "make package  the extension, in dist/"
+	@echo "make docs     the site, in docs/_build/html (ARGS=--committed: draws no pictures, --all: Blender's too)"
+	@echo "make package  the extension, in dist/ (ARGS=--help: other archives)"
+	@echo "make wheel    the Python package, in dist/"
 	@echo "make clean    remove the environment and everything that was built"
 
 env: $(READY)
@@ -67,11 +69,20 @@ bench-tracer: $(READY)
 pictures: $(READY)
 	@$(RUN) -m docs.pictures.reflections $(ARGS)
 
+docs: $(READY)
+	@$(RUN) -m pip install -qq --editable '.[docs]'
+	@$(RUN) -m docs.pictures $(ARGS)
+	@$(RUN) -m sphinx -q -W --keep-going docs docs/_build/html
+	@echo "docs/_build/html/index.html"
+
+# The extension with the wheels of all systems (ARGS=--no-wheels, ARGS=--split-platforms)
 package: $(READY)
-	@mkdir -p dist
-	@tool=$$(ls $(VENV)/lib/python3*/site-packages/bpy/*/scripts/addons_core/bl_pkg/cli/blender_ext.py); \
-	$(RUN) $$tool build --source-dir . --output-dir dist && \
-	$(RUN) $$tool validate dist/ssgi-$$($(RUN) -c 'import ssgi_addon; print(ssgi_addon.__version__)').zip
+	@$(RUN) -m release $(ARGS)
+
+# The Python package; the wheel is made from the source archive, which so is known to be complete
+wheel: $(READY)
+	@$(RUN) -m build --outdir dist >/dev/null
+	@ls dist/ssgi-*.whl dist/ssgi-*.tar.gz
 
 clean:
 	rm -rf $(VENV) .cache build dist ssgi.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -6,7 +6,8 @@ Blender's Image node splits into a socket per layer in 4.5 and in 5.x alike. Rea
 writes: one part with short names in 4.5 (``ViewLayer.DiffCol.R``), a part per pass with long names
 in 5.x (``ViewLayer.Diffuse Color.R``).
 
-The OpenEXR package does the work; where no wheel of it fits, Blender's own OpenImageIO does.
+The OpenEXR package does the work; Blender's own OpenImageIO does where no wheel of it fits, or where the two
+would get in each other's way.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ import numpy as np
 
 from .errors import SSGIError
 from .exr_header import PartHeader, read_headers
+from .exr_library import is_openexr_linked
 from .files import replacing
 
 FloatArray = np.ndarray[Any, np.dtype[np.float32]]
@@ -100,6 +102,11 @@ def read_layers(path: Path | str) -> Pixels:
     Passes of Blender get their long names, whatever Blender wrote them. With several view layers in a
     file the keys are ``<view layer>.<pass>``, with one the pass names alone. Nameless channels R, G, B
     are the pass ``Combined``, a nameless Z is ``Depth``; a fourth channel beside R, G, B is left out.
+
+    Parameters
+    ----------
+    path
+        The file.
 
     Returns
     -------
@@ -201,6 +208,11 @@ def _in_display_window(plane: FloatArray, header: PartHeader) -> FloatArray:
 
 
 def _openexr() -> ModuleType | None:
+    """The OpenEXR package; None where Blender's OpenImageIO is to be used."""
+    if is_openexr_linked():
+        with suppress(SSGIError):
+            _openimageio()
+            return None
     try:
         import OpenEXR
     except ImportError:

@@ -34,10 +34,10 @@ RENDERED: dict[str, dict[str, Any]] = {
         **_FRAME_ALONE,
     },
     "final": {
-        "samples": 32,
-        "denoiser": "accurate",
+        "samples": 16,
+        "denoiser": "fast",
         "own_geometry": True,
-        "fill": 256,
+        "fill": 64,
         "budget": 6.0,
         **_FRAME_ALONE,
     },
