@@ -11,6 +11,7 @@ import bpy
 from ..bench.options import SceneSource
 from ..bench.store import load_scene, scene_folder
 from ..bench.tasks import Task, read_task
+from ..child import ended_with_parent
 from ..files import write_json
 from ..progress import tell
 from ..results import peak_memory_mb
@@ -23,13 +24,18 @@ from .restore import Restorer
 
 
 def work(task_path: Path) -> None:
-    """Do a task.
+    """Do a task; end if the process that waits for it does.
 
     Raises
     ------
     SSGIError
         If the scene cannot be opened or rendered, or a result cannot be written.
     """
+    with ended_with_parent(lambda: None):
+        _work(task_path)
+
+
+def _work(task_path: Path) -> None:
     task = read_task(task_path)
     scene = open_source(task.source, enable_autoexec=task.options.enable_autoexec)
     if task.kind == "cold":

@@ -233,14 +233,14 @@ def kill_windows(blend: Path, folder: Path, count: int, rng: np.random.Generator
         with suppress(ProcessLookupError):
             os.kill(worker if is_worker else process.pid, signal.SIGKILL)
         process.communicate()
-        faults = [] if _ends(worker) else ["a process goes on"]
+        faults = [] if ends(worker) else ["a process goes on"]
         faults += half_files(output, old, new)
         faults += [f"{name} was left behind" for name in (*unfinished(output), *unfinished(cache))]
         kills.judge(is_running, [f"window {index}: {fault}" for fault in faults])
     return kills
 
 
-def _ends(pid: int) -> bool:
+def ends(pid: int) -> bool:
     """Whether a process ends soon, by itself."""
     end = time.monotonic() + PATIENCE
     while time.monotonic() < end:
