@@ -18,9 +18,9 @@ from ..results import peak_memory_mb
 from . import demo_scene
 from .bench_renders import borrow_unbiased, run_method
 from .bench_scene import SceneBench
-from .job import open_scene
 from .render_settings import borrow_scene
 from .restore import Restorer
+from .scene_file import open_scene
 
 
 def work(task_path: Path) -> None:
