@@ -11,9 +11,9 @@ from pathlib import Path
 
 from .errors import SSGIError
 
-# Resident bytes that a pixel of the frame takes at most, beside what the process starts with (measured; see
-# docs/stability_faults.md). What is captured beyond the frame has a size of its own.
-APPLY_BYTES, RENDER_BYTES = 400, 750
+# Resident bytes that a pixel of a large frame takes at least, beside what the process starts with (measured;
+# see docs/stability_faults.md): what needs less might fit. What is captured beyond the frame comes on top.
+APPLY_BYTES, RENDER_BYTES = 195, 745
 _CGROUP_LIMIT = Path("/sys/fs/cgroup/memory.max")
 
 
