@@ -32,9 +32,9 @@ class IndirectLight:
     skipped
         What was not computed and why, as (what, why).
     seconds
-        Wall time of each step.
+        Wall time of each step, by its name.
     rays
-        Rays traced by each pass.
+        Number of rays that each pass traced, by its name.
     """
 
     diffuse: FloatArray

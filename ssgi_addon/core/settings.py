@@ -76,7 +76,13 @@ def _validate_number(name: str, value: Any, rule: Any, *, is_integer: bool) -> N
 
 @dataclass(frozen=True)
 class ReflectionSettings:
-    """Screen-space reflections: the glossy indirect light."""
+    """Screen-space reflections: the glossy indirect light.
+
+    Raises
+    ------
+    ValueError
+        If a value is out of its range; the text names the field.
+    """
 
     enabled: bool = option(True, "Trace reflection rays", label="Reflections")
     method: str = option(
@@ -197,7 +203,13 @@ class ReflectionSettings:
 
 @dataclass(frozen=True)
 class DiffuseSettings:
-    """Screen-space directional occlusion: the diffuse indirect light and the visibility."""
+    """Screen-space directional occlusion: the diffuse indirect light and the visibility.
+
+    Raises
+    ------
+    ValueError
+        If a value is out of its range; the text names the field.
+    """
 
     enabled: bool = option(True, "Trace diffuse rays", label="Diffuse")
     method: str = option(
@@ -308,7 +320,13 @@ class DiffuseSettings:
 
 @dataclass(frozen=True)
 class Settings:
-    """All settings of `render_indirect`; frozen, so `dataclasses.replace` makes variants."""
+    """All settings of `render_indirect`; frozen, so `dataclasses.replace` makes variants.
+
+    Raises
+    ------
+    ValueError
+        If a value is out of its range, or a group of the wrong type; the text names the field.
+    """
 
     reflections: ReflectionSettings = field(default_factory=ReflectionSettings)
     diffuse: DiffuseSettings = field(default_factory=DiffuseSettings)
