@@ -16,7 +16,7 @@ ifneq ($(SHARED_SCENES),)
 export SSGI_SCENES ?= $(abspath $(SHARED_SCENES))
 endif
 
-.PHONY: help env demo test lint bench bench-tracer pictures package wheel clean
+.PHONY: help env demo test lint bench bench-tracer pictures docs package wheel clean
 
 help:
 	@echo "make env      environment with Blender as a Python module, in $(VENV)"
@@ -26,6 +26,7 @@ help:
 	@echo "make bench    error against time, ours and Blender's own ways, in bench/index.html (ARGS=--quick: minutes)"
 	@echo "make bench-tracer  speed and memory of the tracer, in benchmarks/results (minutes; keep the machine quiet)"
 	@echo "make pictures the pictures of docs/reflections.md (minutes; ARGS='rays reuse' for some)"
+	@echo "make docs     the site, in docs/_build/html (ARGS=--committed: draws no pictures, --all: Blender's too)"
 	@echo "make package  the extension, in dist/ (ARGS=--help: other archives)"
 	@echo "make wheel    the Python package, in dist/"
 	@echo "make clean    remove the environment and everything that was built"
@@ -67,6 +68,12 @@ bench-tracer: $(READY)
 
 pictures: $(READY)
 	@$(RUN) -m docs.pictures.reflections $(ARGS)
+
+docs: $(READY)
+	@$(RUN) -m pip install -qq --editable '.[docs]'
+	@$(RUN) -m docs.pictures $(ARGS)
+	@$(RUN) -m sphinx -q -W --keep-going docs docs/_build/html
+	@echo "docs/_build/html/index.html"
 
 # The extension with the wheels of all systems (ARGS=--no-wheels, ARGS=--split-platforms)
 package: $(READY)

@@ -102,6 +102,11 @@ def read_layers(path: Path | str) -> Pixels:
     file the keys are ``<view layer>.<pass>``, with one the pass names alone. Nameless channels R, G, B
     are the pass ``Combined``, a nameless Z is ``Depth``; a fourth channel beside R, G, B is left out.
 
+    Parameters
+    ----------
+    path
+        The file.
+
     Returns
     -------
     dict

@@ -54,6 +54,18 @@ def composite(gbuffer: GBuffer, light: IndirectLight) -> FloatArray:
 
     Fresnel is not applied again: the glossy colour already is the lobe's directional albedo.
 
+    Parameters
+    ----------
+    gbuffer
+        The frame, with its direct light and colours.
+    light
+        Of that frame.
+
+    Returns
+    -------
+    (H, W, 3) float32
+        Scene-linear radiance; a new array.
+
     Raises
     ------
     ValueError
