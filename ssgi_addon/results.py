@@ -70,7 +70,7 @@ def compute_picture(frame: CapturedFrame, settings: Settings, progress: Progress
         )  # fmt: skip
     except ValueError as error:
         raise SSGIError(f"the passes cannot be used: {error}") from error
-    except MemoryError as error:
+    except (MemoryError, SystemError) as error:  # numpy may lose the former on its way out of a function
         raise SSGIError(OUT_OF_MEMORY) from error
     return Picture(frame, light, composite(frame.gbuffer, light))
 
