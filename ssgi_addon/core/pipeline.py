@@ -18,7 +18,7 @@ from .denoise import filter_light
 from .environment import Environment
 from .fill import Fill
 from .fill_level import Answered, handed_on_by_fill, light_of_fill, set_level
-from .gbuffer import GBuffer
+from .gbuffer import LARGEST, GBuffer
 from .light import IndirectLight, fill_unknown, luminance
 from .planner import Plan, plan_passes
 from .scene import TraceScene, View
@@ -67,13 +67,14 @@ def render_indirect(
         If an argument is of the wrong type, or G-buffer and camera differ in size.
     """
     _check_types(gbuffer, camera, settings, environment, views, fill)
-    run = _Run(gbuffer, camera, settings, environment, progress, fill)
-    if run.plan.is_filled:
-        run.take_fill(views)
-    else:
-        run.take_rays(views)
-    run.report(1.0, "Done")
-    return run.result()
+    with parallel.saturating():
+        run = _Run(gbuffer, camera, settings, environment, progress, fill)
+        if run.plan.is_filled:
+            run.take_fill(views)
+        else:
+            run.take_rays(views)
+        run.report(1.0, "Done")
+        return run.result()
 
 
 def _check_types(
@@ -115,7 +116,7 @@ class _Run:
         fill: Fill | None,
     ) -> None:
         self.gbuffer, self.camera, self.settings, self.environment = gbuffer, camera, settings, environment
-        self.progress, self.fill = progress, fill
+        self.progress, self.fill, self.dtype = progress, fill, gbuffer.depth.dtype
         # Images of the result by name, each made once there is light for it
         self.images: dict[str, FloatArray] = {}
         is_clean = fill is not None and fill.is_denoised
@@ -221,6 +222,7 @@ class _Run:
         source = self.scene.table("reflection_source")
         if self.handed_on is not None:
             source += self.handed_on
+            np.minimum(source, LARGEST, out=source)
             self.handed_on = None
         found = reflections.reflect_light(
             self.scene, source, self.environment, settings, pixels,
@@ -258,7 +260,7 @@ class _Run:
         for (name, pixels), light in zip(kinds.items(), lights, strict=True):
             slots = slice(None) if pixels.size == needed.size else np.searchsorted(needed, pixels)
             self._keep(name, pixels, light[slots])
-            self._keep(f"known_{name}", pixels, np.zeros(pixels.size, np.float32), elsewhere=1.0)
+            self._keep(f"known_{name}", pixels, np.zeros(pixels.size, self.dtype), elsewhere=1.0)
 
     def _level(self, fill: Fill) -> None:
         """Bring diffuse and glossy light to the level of a fill."""
@@ -272,14 +274,14 @@ class _Run:
         height, width = self.gbuffer.shape
         shape = (height, width, *values.shape[1:])
         if name not in self.images:
-            self.images[name] = np.full(shape, elsewhere, dtype=np.float32)
+            self.images[name] = np.full(shape, elsewhere, dtype=self.dtype)
         self.images[name].reshape(height * width, *shape[2:])[pixels] = values
 
     def _image(self, name: str) -> FloatArray:
         """Return an image of the result; black, open and known where there is no light to tell of."""
         if name not in self.images:
             is_light = name in ("diffuse", "environment_diffuse", "glossy")
-            nothing = np.zeros((0, 3) if is_light else 0, dtype=np.float32)
+            nothing = np.zeros((0, 3) if is_light else 0, dtype=self.dtype)
             self._keep(name, np.empty(0, np.int64), nothing, elsewhere=0.0 if is_light else 1.0)
         return self.images[name]
 
@@ -311,7 +313,7 @@ class _Run:
         names = ("diffuse", "glossy", "visibility", "known_diffuse", "known_glossy", "environment_diffuse")
         return IndirectLight(
             **{name: self._image(name) for name in names},
-            known=np.minimum(known, 1.0).astype(np.float32),
+            known=np.minimum(known, 1.0).astype(self.dtype),
             skipped=self.plan.skipped,
             seconds=dict(self.seconds),
             rays=dict(self.rays),
