@@ -19,7 +19,7 @@ endif
 # How many times their examples property tests try
 TIMES ?= 20
 
-.PHONY: help env demo test stress lint bench bench-tracer pictures package clean
+.PHONY: help env demo test stress lint bench bench-tracer pictures package wheel clean
 
 help:
 	@echo "make env      environment with Blender as a Python module, in $(VENV)"
@@ -30,7 +30,8 @@ help:
 	@echo "make bench    error against time, ours and Blender's own ways, in bench/index.html (ARGS=--quick: minutes)"
 	@echo "make bench-tracer  speed and memory of the tracer, in benchmarks/results (minutes; keep the machine quiet)"
 	@echo "make pictures the pictures of docs/reflections.md (minutes; ARGS='rays reuse' for some)"
-	@echo "make package  the extension, in dist/"
+	@echo "make package  the extension, in dist/ (ARGS=--help: other archives)"
+	@echo "make wheel    the Python package, in dist/"
 	@echo "make clean    remove the environment and everything that was built"
 
 env: $(READY)
@@ -75,11 +76,14 @@ bench-tracer: $(READY)
 pictures: $(READY)
 	@$(RUN) -m docs.pictures.reflections $(ARGS)
 
+# The extension with the wheels of all systems (ARGS=--no-wheels, ARGS=--split-platforms)
 package: $(READY)
-	@mkdir -p dist
-	@tool=$$(ls $(VENV)/lib/python3*/site-packages/bpy/*/scripts/addons_core/bl_pkg/cli/blender_ext.py); \
-	$(RUN) $$tool build --source-dir . --output-dir dist && \
-	$(RUN) $$tool validate dist/ssgi-$$($(RUN) -c 'import ssgi_addon; print(ssgi_addon.__version__)').zip
+	@$(RUN) -m release $(ARGS)
+
+# The Python package; the wheel is made from the source archive, which so is known to be complete
+wheel: $(READY)
+	@$(RUN) -m build --outdir dist >/dev/null
+	@ls dist/ssgi-*.whl dist/ssgi-*.tar.gz
 
 clean:
 	rm -rf $(VENV) .cache build dist ssgi.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -59,6 +59,16 @@ def add_option(
     )
 
 
+def add_autoexec(parser: argparse.ArgumentParser) -> None:
+    """Add the option that lets a file's scripts run, under the name that it has in Blender."""
+    parser.add_argument(
+        "--enable-autoexec",
+        action="store_true",
+        help="run the scripts and drivers of the .blend file, which can do anything that you can: for files "
+        "that you trust (default: as Blender was told to, and never with Blender as a Python module)",
+    )
+
+
 def whole_number(text: str) -> int:
     """Read a whole number."""
     try:

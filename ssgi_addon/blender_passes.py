@@ -27,6 +27,8 @@ LIGHT = ("Diffuse Color", "Diffuse Direct", "Glossy Color", "Glossy Direct")
 # Either pair says what is neither diffuse nor glossy: the passes, or the picture without its bounces.
 OTHER_LIGHT = ("Emission", "Environment")
 BOUNCES = ("Combined", "Diffuse Indirect", "Glossy Indirect")
+# What comes through glass and fog, where the file has it
+THROUGH = ("Transmission Color", "Transmission Direct", "Transmission Indirect", "Volume Direct")
 
 Passes = Mapping[str, FloatArray]
 
@@ -53,6 +55,7 @@ def frame_from_blender(path: Path, layers: Passes, camera: Camera | None) -> Cap
         If passes are missing (each is named) or no camera fits.
     """
     passes = _complete_layer(path, layers, needs_position=camera is None)
+    _check_channels(path, passes)
     depth = np.where(passes["Depth"] < FARTHEST_SURFACE, passes["Depth"], np.float32(np.inf))
     if camera is None:
         camera = _solve(path, passes["Position"], depth)
@@ -62,24 +65,9 @@ def frame_from_blender(path: Path, layers: Passes, camera: Camera | None) -> Cap
             f"{path} has {width} x {height} pixels, its camera {camera.width} x {camera.height}: "
             "use the camera of this picture"
         )
-    roughness, notes = _roughness(passes)
-    diffuse = passes["Diffuse Color"] * passes["Diffuse Direct"]
-    glossy = passes["Glossy Color"] * passes["Glossy Direct"]
-    normal = passes["Normal"] @ camera.world_from_view[:3, :3]  # Blender's pass is in world space
-    try:
-        gbuffer = GBuffer(
-            depth=depth,
-            normal=normal,
-            albedo=passes["Diffuse Color"],
-            specular=passes["Glossy Color"],
-            roughness=roughness,
-            direct=_direct_light(passes, diffuse + glossy),
-            source=handed_on(passes, roughness),
-            glossy_source=diffuse + glossy,
-            reflectance=reflectance(passes["Diffuse Color"], passes["Glossy Color"], normal, camera),
-        )
-    except ValueError as error:
-        raise SSGIError(f"{path}: {error}; write the passes with Blender's own names and channels") from error
+    with np.errstate(all="ignore"):  # bad pixels, which the G-buffer cleans
+        roughness, notes = _roughness(passes)
+        gbuffer = _gbuffer(passes, depth, roughness, camera)
     return CapturedFrame(
         gbuffer=gbuffer,
         camera=camera,
@@ -90,6 +78,35 @@ def frame_from_blender(path: Path, layers: Passes, camera: Camera | None) -> Cap
         layers={name: values for name, values in passes.items() if values.shape[2:] in ((), (3,))},
         notes=tuple(notes),
     )
+
+
+def _gbuffer(passes: Passes, depth: FloatArray, roughness: FloatArray, camera: Camera) -> GBuffer:
+    diffuse = passes["Diffuse Color"] * passes["Diffuse Direct"]
+    glossy = passes["Glossy Color"] * passes["Glossy Direct"]
+    normal = passes["Normal"] @ camera.world_from_view[:3, :3]  # Blender's pass is in world space
+    return GBuffer(
+        depth=depth,
+        normal=normal,
+        albedo=passes["Diffuse Color"],
+        specular=passes["Glossy Color"],
+        roughness=roughness,
+        direct=_direct_light(passes, diffuse + glossy),
+        source=handed_on(passes, roughness),
+        glossy_source=diffuse + glossy,
+        reflectance=reflectance(passes["Diffuse Color"], passes["Glossy Color"], normal, camera),
+    )
+
+
+def _check_channels(path: Path, passes: Passes) -> None:
+    """Refuse passes with other channels than Blender's: three, but for depth and roughness."""
+    for name in (*GEOMETRY, "Position", *LIGHT, *OTHER_LIGHT, *BOUNCES, *THROUGH, "Denoising Roughness"):
+        expected = 1 if name in ("Depth", "Denoising Roughness") else 3
+        found = 1 if passes.get(name, np.empty(0)).ndim < 3 else passes[name].shape[2]
+        if name in passes and found != expected:
+            raise SSGIError(
+                f"{path}: {name} has {found} channels, expected {expected}; write the passes with Blender's "
+                "own names and channels"
+            )
 
 
 def _complete_layer(path: Path, layers: Passes, *, needs_position: bool) -> dict[str, FloatArray]:
@@ -120,7 +137,8 @@ def _solve(path: Path, position_ws: FloatArray, depth: FloatArray) -> Camera:
     if position_ws.shape != (*depth.shape, 3):
         raise SSGIError(f"{path}: Position has shape {position_ws.shape}; write it as Blender does")
     try:
-        return solve_camera(position_ws, depth)
+        with np.errstate(all="ignore"):  # positions may be anything, and a camera that fits none is refused
+            return solve_camera(position_ws, depth)
     except ValueError as error:
         raise SSGIError(f"{path}: {error}; give the camera with --camera FILE.json") from error
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from . import __version__
-from .arguments import add_option, frame_range, integer, resolution, whole_number
+from .arguments import add_autoexec, add_option, frame_range, integer, resolution, whole_number
 from .bench.command import add_bench
 from .bpy_module import require_bpy
 from .child import ERROR_MARK
@@ -21,13 +21,14 @@ from .core.settings import PRESETS, DiffuseSettings, ReflectionSettings
 from .earlier_results import was_skipped
 from .errors import SSGIError
 from .exr import FloatArray, Pixels, read_layers
+from .files import check_writable
 from .heatmap import error_map
 from .job_options import BEYOND_FRAME, DEFAULT_PRESET, ENGINES, RENDERED, JobOptions
 from .passes import remembered_settings
 from .png import write_png
-from .progress import Progress
+from .progress import Progress, printable
 from .render_task import COMMAND
-from .results import apply_passes
+from .results import OUT_OF_MEMORY, apply_passes
 
 DONE, FAILED, BAD_USAGE = 0, 1, 2
 
@@ -55,16 +56,20 @@ def main(argv: Sequence[str] | None = None, *, inside_blender: bool = False) -> 
     except SystemExit as exit_:  # argparse: 0 after --help, 2 after bad usage
         return exit_.code if isinstance(exit_.code, int) else BAD_USAGE
     except SSGIError as error:
-        progress.close()
-        print(f"{ERROR_MARK}{' '.join(str(error).split())}", file=sys.stderr)
-        return FAILED
+        return _fail(progress, str(error))
+    except MemoryError:
+        return _fail(progress, OUT_OF_MEMORY)
     except KeyboardInterrupt:
-        progress.close()
-        print(f"{ERROR_MARK}stopped", file=sys.stderr)
-        return FAILED
+        return _fail(progress, "stopped")
     finally:
         progress.close()
     return DONE
+
+
+def _fail(progress: Progress, reason: str) -> int:
+    progress.close()
+    print(f"{ERROR_MARK}{printable(reason)}", file=sys.stderr)
+    return FAILED
 
 
 def console() -> None:
@@ -76,7 +81,7 @@ class _Parser(argparse.ArgumentParser):
     """Says what is wrong in one line; the usage is a `--help` away."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(BAD_USAGE, f"{ERROR_MARK}{message} (see {self.prog} --help)\n")
+        self.exit(BAD_USAGE, f"{ERROR_MARK}{printable(message)} (see {self.prog} --help)\n")
 
 
 def build_parser(*, inside_blender: bool = False) -> argparse.ArgumentParser:
@@ -134,8 +139,10 @@ def _add_render(commands: Any, *, inside_blender: bool) -> None:
     earlier.add_argument(
         "--resume",
         action="store_true",
-        help="skip frames whose result is there already; to go on after a stop",
+        help="skip frames whose result is there already; to go on after a stop. Refused where they were "
+        "rendered with other settings",
     )
+    add_autoexec(parser)
     parser.set_defaults(run=_render, fail=parser.error)
     # The background process of the window; for itself alone, so it stands in no help
     worker = commands.add_parser(COMMAND)
@@ -231,7 +238,9 @@ def _render(arguments: argparse.Namespace, progress: Progress) -> None:
         print(f"frame {frame['frame']}: {frame['seconds']['total']:.1f} s")
         if frame.get("metrics"):
             _print_metrics(frame["metrics"])
-    print(f"results: {arguments.output}")
+    for note in dict.fromkeys(note for frame in report["frames"] for note in frame.get("notes", ())):
+        print(f"note: {printable(note)}")
+    print(f"results: {printable(arguments.output)}")
 
 
 def _work(arguments: argparse.Namespace, _: Progress) -> None:
@@ -245,10 +254,14 @@ def _apply(arguments: argparse.Namespace, progress: Progress) -> None:
     settings = _settings(arguments, remembered_settings(arguments.passes))
     apply_passes(arguments.passes, arguments.output, arguments.camera, settings, progress)
     progress.close()
-    print(f"result: {arguments.output}")
+    print(f"result: {printable(arguments.output)}")
 
 
 def _compare(arguments: argparse.Namespace, progress: Progress) -> None:
+    if arguments.heatmap is not None:
+        check_writable(arguments.heatmap.parent)
+        if arguments.heatmap.suffix.lower() != ".png":
+            raise SSGIError(f"{arguments.heatmap} should end in .png: the error map is a PNG file")
     layers = read_layers(arguments.image)
     image = _picture(arguments.image, layers)
     reference = _picture(arguments.reference, read_layers(arguments.reference))
@@ -267,7 +280,7 @@ def _compare(arguments: argparse.Namespace, progress: Progress) -> None:
         write_png(arguments.heatmap, error_map(image, reference))
     _print_metrics(rows)
     if arguments.heatmap is not None:
-        print(f"error map: {arguments.heatmap}")
+        print(f"error map: {printable(arguments.heatmap)}")
 
 
 def _demo(arguments: argparse.Namespace, progress: Progress) -> None:
@@ -276,7 +289,7 @@ def _demo(arguments: argparse.Namespace, progress: Progress) -> None:
 
     picture = run_demo(arguments.output, progress)
     progress.close()
-    print(f"picture: {picture}")
+    print(f"picture: {printable(picture)}")
 
 
 def _picture(path: Path, layers: Pixels) -> FloatArray:

@@ -6,12 +6,17 @@ Blender's Image node splits into a socket per layer in 4.5 and in 5.x alike. Rea
 writes: one part with short names in 4.5 (``ViewLayer.DiffCol.R``), a part per pass with long names
 in 5.x (``ViewLayer.Diffuse Color.R``).
 
-The OpenEXR package does the work; where no wheel of it fits, Blender's own OpenImageIO does.
+The OpenEXR package does the work; Blender's own OpenImageIO does where no wheel of it fits, or where the two
+would get in each other's way.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import os
+import sys
+import threading
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -20,6 +25,7 @@ import numpy as np
 
 from .errors import SSGIError
 from .exr_header import PartHeader, read_headers
+from .exr_library import is_openexr_linked
 from .files import replacing
 
 FloatArray = np.ndarray[Any, np.dtype[np.float32]]
@@ -48,6 +54,8 @@ LONG_NAMES = {
 }
 
 Pixels = dict[str, FloatArray]
+
+_silence = threading.Lock()
 
 
 def write_layers(
@@ -84,6 +92,7 @@ def write_layers(
     write = _write_openexr if _openexr() is not None else _write_openimageio
     with replacing(Path(path)) as temporary:
         write(temporary, channels, dict(metadata or {}), compress)
+        _check_whole(temporary)
 
 
 def read_layers(path: Path | str) -> Pixels:
@@ -107,7 +116,10 @@ def read_layers(path: Path | str) -> Pixels:
     path = Path(path)
     headers = read_headers(path)
     read = _read_openexr if _openexr() is not None else _read_openimageio
-    parts = read(path)
+    try:
+        parts = read(path)
+    except MemoryError as error:
+        raise SSGIError(f"cannot read {path}: not enough memory") from error
     if len(parts) != len(headers) or any(set(h.channels) - p.keys() for h, p in zip(headers, parts)):
         raise SSGIError(f"cannot read {path}: its pixels are damaged; write the file again")
     sizes = {header.display_window for header in headers}
@@ -116,8 +128,17 @@ def read_layers(path: Path | str) -> Pixels:
     channels: Pixels = {}
     for header, pixels in zip(headers, parts):
         for name, values in pixels.items():
-            channels[name] = _in_display_window(np.asarray(values, np.float32), header)
+            with np.errstate(invalid="ignore"):  # half floats may hold any kind of NaN
+                channels[name] = _in_display_window(np.asarray(values, np.float32), header)
     return _join_channels(channels)
+
+
+def _check_whole(path: Path) -> None:
+    """Look at what was written: where the disk fills up at the very end, the libraries say nothing."""
+    try:
+        read_headers(path)
+    except SSGIError as error:
+        raise OSError("it came out incomplete, as on a full disk") from error
 
 
 def _split_channels(layers: Mapping[str, FloatArray], named: Mapping[str, str]) -> Pixels:
@@ -176,6 +197,11 @@ def _in_display_window(plane: FloatArray, header: PartHeader) -> FloatArray:
 
 
 def _openexr() -> ModuleType | None:
+    """The OpenEXR package; None where Blender's OpenImageIO is to be used."""
+    if is_openexr_linked():
+        with suppress(SSGIError):
+            _openimageio()
+            return None
     try:
         import OpenEXR
     except ImportError:
@@ -200,10 +226,34 @@ def _read_openexr(path: Path) -> list[Pixels]:
     module = _openexr()
     assert module is not None
     try:
-        file = module.File(str(path), separate_channels=True)
-    except (RuntimeError, ValueError, TypeError) as error:
+        with _silenced():
+            file = module.File(str(path), separate_channels=True)
+    except MemoryError:
+        raise
+    except Exception as error:  # of a damaged file, the binding raises several kinds
         raise SSGIError(f"cannot read {path}: {error}; write the file again") from error
     return [{name: channel.pixels for name, channel in part.channels.items()} for part in file.parts]
+
+
+@contextmanager
+def _silenced() -> Iterator[None]:
+    """Keep a library from printing: of a damaged file OpenEXR tells the terminal what we tell the user.
+
+    What others of this process print during the few milliseconds is lost, too.
+    """
+    with _silence, ExitStack() as undo:
+        with suppress(OSError):  # a program with a window may have no outputs at all
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            undo.callback(os.close, nowhere)
+            for stream in (sys.stdout, sys.stderr):
+                if stream is not None:
+                    stream.flush()
+            for output in (1, 2):
+                kept = os.dup(output)
+                undo.callback(os.close, kept)
+                undo.callback(os.dup2, kept, output)
+                os.dup2(nowhere, output)
+        yield
 
 
 def _write_openexr(path: Path, channels: Pixels, metadata: dict[str, str], compress: bool) -> None:

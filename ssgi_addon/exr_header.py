@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import struct
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -23,14 +24,17 @@ FLAG_TILED, FLAG_DEEP, FLAG_MULTIPART = 0x200, 0x800, 0x1000
 LINES_PER_CHUNK = (1, 1, 1, 16, 32, 16, 32, 32, 32, 256)
 BYTES_PER_VALUE = (4, 2, 4)  # UINT, HALF, FLOAT
 
-# An 8K x 4K frame with a hundred float channels is 13 GB; deflate, the strongest common compression,
-# shrinks at most 1032 times. What claims more than both is not a picture.
 LARGEST_SIDE = 65536
 LARGEST_HEADER = 1 << 22
-MODEST_BYTES = 1 << 28
-STRONGEST_COMPRESSION = 1100
+MOST_CHANNELS = 16384
+# Deflate shrinks at most 1032 times, and no compression up to PIZ does more: what claims to hold more is no
+# picture. Those after it may, and a display window adds an empty margin for nothing: they may ask for the
+# memory of a modest picture all the same.
+SMALL_BYTES, MODEST_BYTES = 1 << 20, 1 << 28
+STRONGEST_COMPRESSION, PIZ = 1100, 4
 
 Box = tuple[int, int, int, int]  # x_min, y_min, x_max, y_max, all inclusive
+Attributes = dict[str, tuple[str, bytes]]  # kind and value by name
 
 
 @dataclass(frozen=True)
@@ -41,14 +45,21 @@ class PartHeader:
     data_window: Box
     display_window: Box
     bytes_per_pixel: int
+    compression: int
     lines_per_chunk: int | None  # None: tiles, or a compression this does not know
     chunk_count: int | None  # as stated in the file
+    tile: tuple[int, int] | None  # width and height
+    texts: Mapping[str, str]  # attributes that are text
 
     @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns of the data window."""
-        x_min, y_min, x_max, y_max = self.data_window
-        return y_max - y_min + 1, x_max - x_min + 1
+    def size(self) -> tuple[int, int]:
+        """Width and height of the picture, the display window."""
+        return _size(self.display_window)
+
+    @property
+    def rows(self) -> int:
+        """Of the data window."""
+        return _size(self.data_window)[1]
 
 
 def read_headers(path: Path) -> list[PartHeader]:
@@ -92,17 +103,17 @@ def _read_checked(stream: BinaryIO, size: int) -> list[PartHeader]:
     return parts
 
 
-def _read_attributes(stream: BinaryIO) -> dict[str, bytes]:
+def _read_attributes(stream: BinaryIO) -> Attributes:
     attributes = {}
     while name := _read_name(stream):
-        _read_name(stream)  # the attribute's type, which its name implies
+        kind = _read_name(stream)
         length = struct.unpack("<i", stream.read(4))[0]
         if not 0 <= length <= LARGEST_HEADER:
             raise _BadFileError("its header is damaged; write the file again")
         value = stream.read(length)
         if len(value) < length:
             raise _BadFileError("it ends inside its header; write the file again")
-        attributes[name] = value
+        attributes[name] = kind, value
     return attributes
 
 
@@ -115,24 +126,32 @@ def _read_name(stream: BinaryIO) -> str:
     return name.decode("utf-8", "replace")
 
 
-def _part(attributes: dict[str, bytes], *, tiled: bool) -> PartHeader:
-    missing = {"channels", "compression", "dataWindow", "displayWindow"} - attributes.keys()
+def _part(attributes: Attributes, *, tiled: bool) -> PartHeader:
+    values = {name: value for name, (_, value) in attributes.items()}
+    missing = {"channels", "compression", "dataWindow", "displayWindow"} - values.keys()
     if missing:
         raise _BadFileError(f"its header has no {' and no '.join(sorted(missing))}; write the file again")
-    kind = attributes.get("type", b"")
+    kind = values.get("type", b"")
     if kind.startswith(b"deep"):
         raise _BadFileError("it holds deep data; flatten it first")
-    channels, bytes_per_pixel = _channels(attributes["channels"])
-    compression = attributes["compression"][0]
+    channels, bytes_per_pixel = _channels(values["channels"])
+    compression = values["compression"][0]
     tiled = tiled or kind.startswith(b"tiled")
     known = not tiled and compression < len(LINES_PER_CHUNK)
     return PartHeader(
         channels=channels,
-        data_window=struct.unpack("<4i", attributes["dataWindow"]),
-        display_window=struct.unpack("<4i", attributes["displayWindow"]),
+        data_window=struct.unpack("<4i", values["dataWindow"]),
+        display_window=struct.unpack("<4i", values["displayWindow"]),
         bytes_per_pixel=bytes_per_pixel,
+        compression=compression,
         lines_per_chunk=LINES_PER_CHUNK[compression] if known else None,
-        chunk_count=struct.unpack("<i", attributes["chunkCount"])[0] if "chunkCount" in attributes else None,
+        chunk_count=struct.unpack("<i", values["chunkCount"])[0] if "chunkCount" in values else None,
+        tile=struct.unpack_from("<2I", values["tiles"]) if tiled and "tiles" in values else None,
+        texts={
+            name: value.decode("utf-8", "replace")
+            for name, (kind, value) in attributes.items()
+            if kind == "string"
+        },
     )
 
 
@@ -141,26 +160,43 @@ def _channels(data: bytes) -> tuple[tuple[str, ...], int]:
     names, bytes_per_pixel, at = [], 0, 0
     while data[at]:
         end = data.index(b"\0", at)
-        kind, _linear, x_sampling, y_sampling = struct.unpack_from("<iB3x2i", data, end + 1)
+        kind, _linear, x_sampling, y_sampling = struct.unpack_from("<IB3x2i", data, end + 1)
         if (x_sampling, y_sampling) != (1, 1):
             raise _BadFileError("it holds subsampled channels; write it with full-size channels")
         names.append(data[at:end].decode("utf-8", "replace"))
         bytes_per_pixel += BYTES_PER_VALUE[kind]
         at = end + 17
+    if not 0 < len(names) <= MOST_CHANNELS:
+        raise _BadFileError(f"it holds {len(names)} channels; write the file again")
     return tuple(names), bytes_per_pixel
 
 
 def _check_sizes(parts: list[PartHeader], file_size: int) -> None:
-    total = 0
+    limit = STRONGEST_COMPRESSION * file_size
+    deflated = stored = shown = 0
     for part in parts:
-        for window in (part.data_window, part.display_window):
-            width, height = window[2] - window[0] + 1, window[3] - window[1] + 1
-            if not (1 <= width <= LARGEST_SIDE and 1 <= height <= LARGEST_SIDE):
-                raise _BadFileError(f"its header claims {width} x {height} pixels; write the file again")
-            total += width * height * part.bytes_per_pixel
-    # Both windows were counted: the pixels in the file, and the picture they are placed in.
-    if total > max(MODEST_BYTES, 2 * STRONGEST_COMPRESSION * file_size):
-        raise _BadFileError(f"its header claims {total >> 20} MB, which a file of its size cannot hold")
+        if part.tile is not None:
+            _area(part.tile)
+        held = _area(_size(part.data_window)) * part.bytes_per_pixel
+        stored += held
+        deflated += held if part.compression <= PIZ else 0
+        shown += _area(_size(part.display_window)) * 4 * len(part.channels)  # float32 once it is read
+    if deflated > max(SMALL_BYTES, limit) or max(stored, shown) > max(MODEST_BYTES, limit):
+        claimed = max(stored, shown) >> 20
+        raise _BadFileError(f"its header claims {claimed} MB, which a file of its size cannot hold")
+
+
+def _size(window: Box) -> tuple[int, int]:
+    left, top, right, bottom = window
+    return right - left + 1, bottom - top + 1
+
+
+def _area(size: tuple[int, int]) -> int:
+    """Return the pixels of a window or a tile; refuse what is not the size of a picture."""
+    width, height = size
+    if not (1 <= width <= LARGEST_SIDE and 1 <= height <= LARGEST_SIDE):
+        raise _BadFileError(f"its header claims {width} x {height} pixels; write the file again")
+    return width * height
 
 
 def _check_chunks(stream: BinaryIO, parts: list[PartHeader], file_size: int, *, multipart: bool) -> None:
@@ -172,7 +208,7 @@ def _check_chunks(stream: BinaryIO, parts: list[PartHeader], file_size: int, *, 
         if count is None:
             if part.lines_per_chunk is None:
                 return  # tiles without a count: the library finds what is missing
-            count = -(-part.shape[0] // part.lines_per_chunk)
+            count = -(-part.rows // part.lines_per_chunk)
         if not 0 < count <= file_size // 8:
             raise truncated
         table = stream.read(8 * count)

@@ -34,10 +34,10 @@ RENDERED: dict[str, dict[str, Any]] = {
         **_FRAME_ALONE,
     },
     "final": {
-        "samples": 32,
-        "denoiser": "accurate",
+        "samples": 16,
+        "denoiser": "fast",
         "own_geometry": True,
-        "fill": 256,
+        "fill": 64,
         "budget": 6.0,
         **_FRAME_ALONE,
     },
@@ -95,6 +95,8 @@ class JobOptions:
         Replace results that are there already.
     resume
         Skip frames whose result is there already, unless `overwrite` is on; without either they are refused.
+    enable_autoexec
+        Run the scripts and drivers of the .blend file.
     """
 
     output: Path
@@ -104,6 +106,7 @@ class JobOptions:
     frames: tuple[int, ...] | None = None
     overwrite: bool = False
     resume: bool = False
+    enable_autoexec: bool = False
     samples: int = option(
         _DEFAULT["samples"],
         "Samples per pixel of the direct light",

@@ -7,23 +7,29 @@ later and elsewhere. `read_passes` also takes the multilayer EXR files that Blen
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
 from .blender_passes import frame_from_blender
+from .camera_file import camera_from_json, camera_to_json
 from .core import Camera, Environment, Fill, GBuffer, Settings
 from .errors import SSGIError
 from .exr import FloatArray, Pixels, read_layers, write_layers
-from .files import read_json, write_json
+from .exr_header import read_headers
+from .files import discard, read_json, write_json
 from .frame import CapturedFrame
 
 FORMAT = "ssgi-passes"
 FORMAT_VERSION = 1
+# Of the EXR files: which capture they belong to, as the JSON file says it
+CAPTURE = "ssgi.capture"
 UNIT_ROUNDING = 1e-6
 
 Stored = TypeVar("Stored", GBuffer, Fill)
@@ -38,7 +44,8 @@ def write_passes(
 ) -> Path:
     """Write a captured frame as ``<stem>.exr`` and ``<stem>.json``, and a file per further view.
 
-    The JSON file names the others and is written last: while it is missing, the frame is not complete.
+    The JSON file names the others and is written last: while it is missing, the frame is not complete. An
+    older one goes first, since it would name files of two captures.
 
     Parameters
     ----------
@@ -61,24 +68,29 @@ def write_passes(
     """
     folder = Path(folder)
     path = folder / f"{stem}.exr"
-    write_layers(path, {**_planes(frame.gbuffer), **frame.layers})
+    discard(path.with_suffix(".json"))
+    remembered = None if settings is None else settings_to_json(settings)
+    capture = _capture_id(frame, remembered)
+    mark = {CAPTURE: capture}
+    write_layers(path, {**_planes(frame.gbuffer), **frame.layers}, mark)
     views = []
     for number, (gbuffer, camera) in enumerate(frame.views, 1):
         name = f"{stem}_view{number}.exr"
-        write_layers(folder / name, _planes(gbuffer))
+        write_layers(folder / name, _planes(gbuffer), mark)
         kind = frame.view_names[number - 1] if frame.view_names else "view"
-        views.append({"passes": name, "name": kind, "camera": _camera_to_json(camera)})
+        views.append({"passes": name, "name": kind, "camera": camera_to_json(camera)})
     data = {
         "format": FORMAT,
         "version": FORMAT_VERSION,
+        "capture": capture,
         "engine": frame.engine,
         "emission_in_direct": frame.emission_in_direct,
         "world_in_direct": frame.world_in_direct,
-        "settings": None if settings is None else settings_to_json(settings),
-        "camera": _camera_to_json(frame.camera),
-        "environment": _write_environment(frame.environment, folder, f"{stem}_environment.exr"),
+        "settings": remembered,
+        "camera": camera_to_json(frame.camera),
+        "environment": _write_environment(frame.environment, folder / f"{stem}_environment.exr", mark),
         "views": views,
-        "fill": _write_fill(frame.fill, folder, f"{stem}_fill.exr"),
+        "fill": _write_fill(frame.fill, folder / f"{stem}_fill.exr", mark),
         "layers": list(frame.layers),
         "seconds": dict(frame.seconds),
         "gains": dict(frame.gains),
@@ -110,7 +122,7 @@ def read_passes(path: Path | str, camera_path: Path | str | None = None) -> Capt
     named = None if camera_path is None else _read_mapping(Path(camera_path))
     beside = path.with_suffix(".json")
     own = next((data for data in (_read_own(beside), named) if data and data.get("format") == FORMAT), None)
-    camera = None if named is None else _camera_from_json(named.get("camera", named), Path(str(camera_path)))
+    camera = None if named is None else camera_from_json(named.get("camera", named), Path(str(camera_path)))
     if own is not None:
         return _own_frame(path, layers, own, camera)
     if set(_REQUIRED) <= layers.keys():
@@ -132,7 +144,7 @@ def remembered_settings(path: Path | str) -> Settings | None:
         return None
     try:
         return settings_from_json(data["settings"])
-    except (TypeError, ValueError) as error:
+    except (OverflowError, TypeError, ValueError) as error:
         raise SSGIError(
             f"the settings in {beside} are wrong ({error}): name them on the command line"
         ) from error
@@ -160,6 +172,8 @@ def settings_from_json(values: Mapping[str, Any], base: Any = None) -> Any:
         If a name or a value is not one of `Settings`.
     """
     base = Settings() if base is None else base
+    if not isinstance(values, Mapping):
+        raise TypeError(f"expected names and values, got {values!r}")
     changes = {}
     for name, value in values.items():
         default = getattr(base, name, None)
@@ -177,25 +191,57 @@ def _own_frame(path: Path, layers: Pixels, data: Mapping[str, Any], camera: Came
             f"{path.with_suffix('.json')} has version {data.get('version')!r} of its format, "
             f"this program reads {FORMAT_VERSION}: render the passes again"
         )
+    beside = _Beside(path.parent, data.get("capture"))
+    beside.check(path)
     try:
         return CapturedFrame(
             gbuffer=_gbuffer(layers, path),
-            camera=camera or _camera_from_json(data["camera"], path),
-            environment=_read_environment(data["environment"], path.parent),
+            camera=camera or camera_from_json(data["camera"], path),
+            environment=_read_environment(data["environment"], beside),
             engine=data["engine"],
             emission_in_direct=data["emission_in_direct"],
             world_in_direct=data["world_in_direct"],
-            views=tuple(_read_view(view, path.parent) for view in data["views"]),
+            views=tuple(_read_view(view, beside) for view in data["views"]),
             view_names=tuple(view.get("name", "view") for view in data["views"]),
             layers={name: layers[name] for name in data["layers"]},
             seconds=data["seconds"],
             gains=data.get("gains", {}),
             skipped=tuple((what, why) for what, why in data.get("skipped", ())),
             notes=tuple(data["notes"]),
-            fill=_read_fill(data.get("fill"), path.parent),
+            fill=_read_fill(data.get("fill"), beside),
         )
     except KeyError as error:
         raise SSGIError(f"{path} and its .json do not belong together: {error} is missing") from error
+    except (TypeError, ValueError) as error:
+        raise SSGIError(f"{path.with_suffix('.json')} is damaged: {error}") from error
+
+
+def _capture_id(frame: CapturedFrame, settings: Mapping[str, Any] | None) -> str:
+    """Return what tells a capture from others: its wall times alone differ from run to run."""
+    told = json.dumps([camera_to_json(frame.camera), dict(frame.seconds), settings])
+    return hashlib.blake2b(told.encode(), digest_size=12).hexdigest()
+
+
+@dataclass(frozen=True)
+class _Beside:
+    """The EXR files that a JSON file names: in its own folder, and of the same capture."""
+
+    folder: Path
+    capture: str | None
+
+    def read(self, name: object) -> tuple[Path, Pixels]:
+        if not isinstance(name, str) or Path(name).name != name:
+            raise ValueError(f"expected the name of a file in its folder, got {name!r}")
+        path = self.folder / name
+        self.check(path)
+        return path, read_layers(path)
+
+    def check(self, path: Path) -> None:
+        """Refuse a file that another run has replaced, or was about to."""
+        # Other programs that write a file anew may leave the mark out
+        found = read_headers(path)[0].texts.get(CAPTURE)
+        if None not in (found, self.capture) and found != self.capture:
+            raise SSGIError(f"{path} is of another capture than its .json: render the passes again")
 
 
 def _planes(gbuffer: GBuffer, prefix: str = "") -> dict[str, FloatArray]:
@@ -228,82 +274,49 @@ def _as_stored(kind: Callable[..., Stored], planes: dict[str, Any], path: Path) 
     return surfaces
 
 
-def _read_view(view: Mapping[str, Any], folder: Path) -> tuple[GBuffer, Camera]:
-    path = folder / view["passes"]
-    return _gbuffer(read_layers(path), path), _camera_from_json(view["camera"], path)
+def _read_view(view: Mapping[str, Any], beside: _Beside) -> tuple[GBuffer, Camera]:
+    path, layers = beside.read(view["passes"])
+    return _gbuffer(layers, path), camera_from_json(view["camera"], path)
 
 
-def _write_fill(fill: Fill | None, folder: Path, name: str) -> dict[str, Any] | None:
+def _write_fill(fill: Fill | None, path: Path, mark: Mapping[str, str]) -> dict[str, Any] | None:
     if fill is None:
         return None
-    write_layers(folder / name, {plane: np.asarray(getattr(fill, plane)) for plane in _FILL_PLANES})
-    return {"passes": name, "camera": _camera_to_json(fill.camera), "is_denoised": fill.is_denoised}
+    write_layers(path, {plane: np.asarray(getattr(fill, plane)) for plane in _FILL_PLANES}, mark)
+    return {"passes": path.name, "camera": camera_to_json(fill.camera), "is_denoised": fill.is_denoised}
 
 
-def _read_fill(data: Mapping[str, Any] | None, folder: Path) -> Fill | None:
+def _read_fill(data: Mapping[str, Any] | None, beside: _Beside) -> Fill | None:
     if data is None:
         return None
-    path = folder / data["passes"]
-    layers = read_layers(path)
+    path, layers = beside.read(data["passes"])
     missing = [name for name in _FILL_PLANES if name not in layers]
     if missing:
         raise SSGIError(f"{path} lacks the passes {', '.join(missing)}: render it again")
     planes: dict[str, Any] = {name: layers[name] for name in _FILL_PLANES}
     rest = {
-        "camera": _camera_from_json(data["camera"], path),
+        "camera": camera_from_json(data["camera"], path),
         "is_denoised": bool(data.get("is_denoised", False)),
     }
     return _as_stored(Fill, {**planes, **rest}, path)
 
 
-def _camera_to_json(camera: Camera) -> dict[str, Any]:
-    return {
-        "projection": "orthographic" if camera.is_orthographic else "perspective",
-        "width": camera.width,
-        "height": camera.height,
-        "fx": camera.fx,
-        "fy": camera.fy,
-        "cx": camera.cx,
-        "cy": camera.cy,
-        "world_from_view": camera.world_from_view.tolist(),
-    }
-
-
-def _camera_from_json(data: Any, path: Path) -> Camera:
-    try:
-        if data["projection"] not in ("perspective", "orthographic"):
-            raise ValueError(f"projection: expected perspective or orthographic, got {data['projection']!r}")
-        numbers = {name: float(data[name]) for name in ("fx", "fy", "cx", "cy")}
-        pose = np.array(data["world_from_view"], dtype=np.float64)
-        if pose.shape != (4, 4) or not np.isfinite([*pose.flat, *numbers.values()]).all():
-            raise ValueError("world_from_view, fx, fy, cx, cy: expected finite numbers, a 4 x 4 matrix first")
-        if min(data["width"], data["height"]) < 1 or min(numbers["fx"], numbers["fy"]) <= 0.0:
-            raise ValueError("width, height, fx, fy: expected positive numbers")
-        return Camera(
-            width=int(data["width"]),
-            height=int(data["height"]),
-            is_orthographic=data["projection"] == "orthographic",
-            world_from_view=pose,
-            **numbers,
-        )
-    except KeyError as error:
-        raise SSGIError(f"the camera of {path} lacks {error}: add it to the file") from error
-    except (TypeError, ValueError) as error:
-        raise SSGIError(f"the camera of {path} is wrong: {error}") from error
-
-
-def _write_environment(environment: Environment | None, folder: Path, name: str) -> dict[str, Any] | None:
+def _write_environment(
+    environment: Environment | None, path: Path, mark: Mapping[str, str]
+) -> dict[str, Any] | None:
     if environment is None:
         return None
-    write_layers(folder / name, {"radiance": environment.image})
-    return {"image": name, "world_from_view": environment.world_from_view.tolist()}
+    write_layers(path, {"radiance": environment.image}, mark)
+    return {"image": path.name, "world_from_view": environment.world_from_view.tolist()}
 
 
-def _read_environment(data: Mapping[str, Any] | None, folder: Path) -> Environment | None:
+def _read_environment(data: Mapping[str, Any] | None, beside: _Beside) -> Environment | None:
     if data is None:
         return None
-    image = read_layers(folder / data["image"])["radiance"]
-    return Environment(image, np.array(data["world_from_view"], dtype=np.float64))
+    _, layers = beside.read(data["image"])
+    return Environment.equirectangular(
+        layers["radiance"], np.array(data["world_from_view"], dtype=np.float64)
+    )
 
 
 def _read_own(path: Path) -> Mapping[str, Any] | None:

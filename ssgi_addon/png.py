@@ -48,6 +48,19 @@ def write_png(path: Path | str, rgb: npt.NDArray[np.uint8]) -> None:
         temporary.write_bytes(b"".join(parts))
 
 
+def check_whole(path: Path | str) -> None:
+    """Look at a PNG that Blender has written: where the disk fills up it says nothing.
+
+    Raises
+    ------
+    OSError
+        If the end is missing.
+    """
+    end = _chunk(b"IEND", b"")
+    if not Path(path).read_bytes().endswith(end):
+        raise OSError("it came out incomplete, as on a full disk")
+
+
 def _filtered_rows(rgb: npt.NDArray[np.uint8]) -> bytes:
     """Each row as the difference to the row above (PNG specification, 9.2): smooth pictures pack smaller."""
     rows = rgb.reshape(rgb.shape[0], -1)

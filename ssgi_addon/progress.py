@@ -13,9 +13,17 @@ LOG_STEP = 0.1
 MARK = "ssgi-progress"
 
 
+def printable(text: object) -> str:
+    """Return a text as one line in which nothing is a command to a terminal: names may hold anything."""
+    line = " ".join(str(text).split())
+    return "".join(
+        letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in line
+    )
+
+
 def tell(fraction: float, text: str) -> None:
     """Tell the parent process how far the work is."""
-    print(f"{MARK} {fraction:.4f} {text}", flush=True)
+    print(f"{MARK} {fraction:.4f} {printable(text)}", flush=True)
 
 
 def understand(line: str) -> tuple[float, str] | None:
@@ -44,7 +52,7 @@ class Progress:
 
     def __call__(self, fraction: float, text: str) -> None:
         """Show `fraction` (0 to 1) of the work as done, and `text` as what is at hand."""
-        fraction = min(max(fraction, 0.0), 1.0)
+        fraction, text = min(max(fraction, 0.0), 1.0), printable(text)
         step = int(fraction / (0.01 if self._is_terminal else LOG_STEP))
         if self._shown == (step, text):
             return

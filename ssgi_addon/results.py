@@ -14,13 +14,19 @@ import numpy as np
 from . import __version__
 from .core import IndirectLight, Settings, composite, render_indirect
 from .core.metrics import compare_images
+from .earlier_results import RECIPE, Recipe, recipe_text
 from .errors import SSGIError
 from .exr import write_layers
+from .exr_header import read_headers
+from .files import check_writable, discard_abandoned
 from .frame import CapturedFrame
+from .memory import APPLY_BYTES, check_memory
 from .passes import read_passes
 
 FloatArray = np.ndarray[Any, np.dtype[np.float32]]
 Progress = Callable[[float, str], None]
+
+OUT_OF_MEMORY = "not enough memory: render at a lower resolution, or with fewer rays or views"
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,12 +62,12 @@ def compute_picture(frame: CapturedFrame, settings: Settings, progress: Progress
     except ValueError as error:
         raise SSGIError(f"the passes cannot be used: {error}") from error
     except MemoryError as error:
-        raise SSGIError("not enough memory: render at a lower resolution or with fewer rays") from error
+        raise SSGIError(OUT_OF_MEMORY) from error
     return Picture(frame, light, composite(frame.gbuffer, light))
 
 
-def write_picture(picture: Picture, path: Path) -> None:
-    """Write the result as one multilayer EXR file.
+def write_picture(picture: Picture, path: Path, recipe: Recipe | None = None) -> None:
+    """Write the result as one multilayer EXR file, which carries what it was made with.
 
     Raises
     ------
@@ -79,7 +85,8 @@ def write_picture(picture: Picture, path: Path) -> None:
         "albedo": gbuffer.albedo,
         "specular": gbuffer.specular,
     }
-    write_layers(path, layers, {"Software": f"ssgi {__version__}"})
+    told = {} if recipe is None else {RECIPE: recipe_text(recipe)}
+    write_layers(path, layers, {"Software": f"ssgi {__version__}", **told})
 
 
 def apply_passes(
@@ -110,10 +117,12 @@ def apply_passes(
         If the passes cannot be read, lack something, or the result cannot be written.
     """
     check_writable(output_path.parent)
+    discard_abandoned(output_path.parent)
     if output_path.suffix.lower() != ".exr":
         raise SSGIError(f"{output_path} should end in .exr: the result is a multilayer EXR file")
     if output_path.resolve() == passes_path.resolve():
         raise SSGIError(f"{output_path} is the file with the passes: give the result another name")
+    check_memory(read_headers(passes_path)[0].size, APPLY_BYTES)
     write_picture(compute_picture(read_passes(passes_path, camera_path), settings, progress), output_path)
 
 
@@ -127,29 +136,6 @@ def measure_errors(
         "diffuse": compare_images(picture.light.diffuse, diffuse),
         "glossy": compare_images(picture.light.glossy, glossy),
     }
-
-
-def check_writable(folder: Path) -> None:
-    """Find out before hours of work whether a folder can be written, without making it.
-
-    Raises
-    ------
-    SSGIError
-        If it cannot.
-    """
-    existing = folder.absolute()
-    while not existing.exists() and existing != existing.parent:
-        existing = existing.parent
-    if not existing.is_dir():
-        raise SSGIError(f"cannot write to {folder}: {existing} is not a folder; choose another place")
-    probe = existing / ".ssgi-probe.tmp"
-    try:
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise SSGIError(
-            f"cannot write to {folder}: {error.strerror or error}; choose another place"
-        ) from error
 
 
 def peak_memory_mb() -> float | None:

@@ -399,6 +399,11 @@ EIGHT_BIT_STEPS = 0.01
 # Mean light of a small render that was made twice, and sums of it in float32, relative (measured: 1e-6).
 SAME_RENDER = 1e-4
 
+# Resident memory after frame 200, or after the extension was switched on 50 times, against that after 20,
+# relative: what counts as no growth. A run of 40 frames has grown by at most that, too.
+MEMORY_GROWTH = 0.05
+GROWTH_OF_A_SHORT_RUN = 0.05
+
 # Single precision against double, of light and shares, relative to the pixel or to 1 % of the mean: the
 # required bounds at the 99.9th percentile and at most, at pixels of whose rays none has moved.
 FLOAT32_LIGHT = 1e-3

@@ -8,9 +8,9 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from ..arguments import add_option, resolution
+from ..arguments import add_autoexec, add_option, resolution
 from ..bpy_module import require_bpy
-from ..progress import Progress
+from ..progress import Progress, printable
 from .options import QUICK_MINUTES, QUICK_REFERENCE_SAMPLES, QUICK_REPEATS, BenchOptions
 from .tasks import COMMAND
 
@@ -58,6 +58,7 @@ def add_bench(commands: Any, *, inside_blender: bool) -> None:
         help="keeps the references (default: .cache/references beside DIR)",
     )
     parser.add_argument("--fresh", action="store_true", help="measure again what is measured already")
+    add_autoexec(parser)
     parser.set_defaults(run=_bench, fail=parser.error, inside_blender=inside_blender)
     # One process of a run; for itself alone, so it stands in no help
     worker = commands.add_parser(COMMAND)
@@ -89,7 +90,7 @@ def _bench(arguments: argparse.Namespace, progress: Progress) -> None:
 
     page = run_bench(BenchOptions(**given), progress, blender=blender)
     progress.close()
-    print(f"report: {page}")
+    print(f"report: {printable(page)}")
 
 
 def _work(arguments: argparse.Namespace, _: Progress) -> None:

@@ -38,6 +38,8 @@ class BenchOptions:
         Folder for the references; None means ``.cache/references`` beside `output`.
     fresh
         Measure again what is measured already.
+    enable_autoexec
+        Run the scripts and drivers of .blend files.
     """
 
     output: Path
@@ -47,6 +49,7 @@ class BenchOptions:
     resolution: tuple[int, int] = (480, 270)
     cache: Path | None = None
     fresh: bool = False
+    enable_autoexec: bool = False
     repeats: int = option(
         3,
         "Timed runs of each method after a warm-up, the best of which counts",

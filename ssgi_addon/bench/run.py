@@ -17,9 +17,8 @@ from typing import TextIO
 from ..child import environment, printed_error, ssgi_command
 from ..core import parallel
 from ..errors import SSGIError
-from ..files import read_json
+from ..files import check_writable, read_json
 from ..progress import understand
-from ..results import check_writable
 from .methods import Method, all_methods, chosen
 from .options import BenchOptions, SceneSource, find_scenes
 from .plots import require_matplotlib

@@ -4,8 +4,6 @@
 from __future__ import annotations
 
 import shutil
-import sys
-import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -14,12 +12,12 @@ import bpy
 from ..child import Child, environment, ssgi_command
 from ..earlier_results import check_output
 from ..errors import SSGIError
-from ..files import discard_unfinished
+from ..files import check_writable, discard_unfinished, new_folder
 from ..job_options import JobOptions
 from ..render_task import COMMAND, RenderTask, write_task
-from ..results import check_writable
-from .job import frame_stems, shown_result
+from .job import frame_stems, made_with, shown_result
 from .restore import Restorer
+from .trust import scripts_may_run
 
 _running: BackgroundRender | None = None
 
@@ -65,7 +63,7 @@ class BackgroundRender:
         blender: str,
         threads: int | None = None,
     ) -> None:
-        check_output(options, frame_stems(scene, options))
+        check_output(options, frame_stems(scene, options), made_with(scene, view_layer, options))
         _refuse_unsaved_images()
         self.scene_uid = scene.session_uid
         self.result = shown_result(scene, options)
@@ -150,8 +148,7 @@ def blender_options(threads: int | None) -> list[str]:
     Scripts run only if they may run here: where they were allowed for this one file alone, they do not.
     """
     preferences = bpy.context.preferences
-    is_allowed = preferences.filepaths.use_scripts_auto_execute or _was_started_with_scripts()
-    is_allowed = is_allowed and not bpy.app.autoexec_fail
+    is_allowed = scripts_may_run() and not bpy.app.autoexec_fail
     options = ["-noaudio", "--enable-autoexec" if is_allowed else "--disable-autoexec"]
     # Also those that are enabled for this session alone
     options += ["--addons", ",".join(addon.module for addon in preferences.addons)]
@@ -160,10 +157,6 @@ def blender_options(threads: int | None) -> list[str]:
     if threads is not None:
         options += ["--threads", str(threads)]
     return options
-
-
-def _was_started_with_scripts() -> bool:
-    return not {"-y", "--enable-autoexec"}.isdisjoint(sys.argv)
 
 
 def _refuse_unsaved_images() -> None:
@@ -185,7 +178,7 @@ def _listed(names: Iterable[str], most: int = 5) -> str:
 def _new_folder(cache: Path) -> Path:
     check_writable(cache)
     cache.mkdir(parents=True, exist_ok=True)
-    return Path(tempfile.mkdtemp(prefix="render-", dir=cache))
+    return new_folder(cache)
 
 
 def _save_copy(folder: Path) -> Path:

@@ -31,7 +31,7 @@ def work(task_path: Path) -> None:
         If the scene cannot be opened or rendered, or a result cannot be written.
     """
     task = read_task(task_path)
-    scene = open_source(task.source)
+    scene = open_source(task.source, enable_autoexec=task.options.enable_autoexec)
     if task.kind == "cold":
         _measure_cold(scene, task, task_path.with_name("cold.json"))
         return
@@ -44,8 +44,8 @@ def work(task_path: Path) -> None:
         SceneBench(scene, task.options, task.methods(), state, task.deadline, tell).measure()
 
 
-def open_source(source: SceneSource) -> bpy.types.Scene:
-    """Open a scene's file, or build the demo.
+def open_source(source: SceneSource, *, enable_autoexec: bool = False) -> bpy.types.Scene:
+    """Open a scene's file, as in `open_scene`, or build the demo.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def open_source(source: SceneSource) -> bpy.types.Scene:
         If the file cannot be opened.
     """
     if source.path is not None:
-        open_scene(source.path)
+        open_scene(source.path, enable_autoexec=enable_autoexec)
         return bpy.context.scene
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     scene = demo_scene.build_demo_scene()

@@ -7,7 +7,6 @@ back as such a file, since its denoiser takes no arrays, and within a render it 
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from ..core import Settings
 from ..errors import SSGIError
 from ..exr import PREFIX, read_layers, write_layers
+from ..files import scratch_folder
 from ..frame import CapturedFrame
 from ..results import Picture, compute_picture
 from . import compat
@@ -144,10 +144,10 @@ def denoise_picture(
     letters = {"Denoising Normal": "XYZ", "Vector": "XYZW"}
     # Refused without a number of samples; the filter does not look at it
     metadata = {f"cycles.{PREFIX}.samples": "1"}
-    with tempfile.TemporaryDirectory(prefix="ssgi-denoise-") as folder, Restorer() as restorer:
+    with scratch_folder() as folder, Restorer() as restorer:
         borrow_denoiser(restorer, scene, scene.view_layers[0], denoiser)
         restorer.change(scene.cycles, denoising_input_passes="RGB_ALBEDO_NORMAL")
-        noisy, clean = Path(folder, "noisy.exr"), Path(folder, "clean.exr")
+        noisy, clean = folder / "noisy.exr", folder / "clean.exr"
         write_layers(noisy, layers, metadata, letters=letters, compress=False)
         _denoise_file(scene, noisy, clean)
         denoised = read_layers(clean)["Combined"]

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import SSGIError
-from ..png import write_png
+from ..files import scratch_folder
+from ..png import check_whole, write_png
 
 
 def to_display(scene: bpy.types.Scene, image: npt.ArrayLike) -> npt.NDArray[np.uint8]:
@@ -49,8 +49,8 @@ def to_display(scene: bpy.types.Scene, image: npt.ArrayLike) -> npt.NDArray[np.u
         raise ValueError(f"image: expected shape (H, W, 3) with at least one pixel, got {radiance.shape}")
     radiance = np.nan_to_num(radiance)  # infinity becomes the largest finite value, which shows as white
 
-    with tempfile.TemporaryDirectory(prefix="ssgi-display-") as folder:
-        path = os.path.join(folder, "display.png")
+    with scratch_folder() as folder:
+        path = str(folder / "display.png")
         _save_through_view(scene, radiance, path)
         return _read_png(path)
 
@@ -73,7 +73,8 @@ def _save_through_view(scene: bpy.types.Scene, radiance: npt.NDArray[np.float32]
         datablock.update()
         with _png_copy(scene) as copy:
             datablock.save_render(path, scene=copy)
-    except RuntimeError as error:
+        check_whole(path)
+    except (OSError, RuntimeError) as error:
         raise SSGIError(
             f"Cannot write a temporary picture in {os.path.dirname(path)}: {error}. "
             "Make room there, or set TMPDIR to another folder."

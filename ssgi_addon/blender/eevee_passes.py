@@ -7,7 +7,6 @@ finished render away in no other way.
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from ..core import Camera
 from ..errors import SSGIError
 from ..exr import read_layers
+from ..files import scratch_folder
 from . import compat
 from .camera import camera_of_render
 from .cycles_passes import RenderedPasses, render_error
@@ -58,8 +58,8 @@ def render_eevee_passes(
     names = tuple(names)
     cameras: list[Camera] = []
     start = time.perf_counter()
-    with tempfile.TemporaryDirectory(prefix="ssgi-") as folder, Restorer() as restorer:
-        path = Path(folder) / "passes.exr"
+    with scratch_folder() as folder, Restorer() as restorer:
+        path = folder / "passes.exr"
         _borrow_output(restorer, scene, path)
         with _at_render(scene, lambda depsgraph: cameras.append(camera_of_render(None, depsgraph))):
             try:

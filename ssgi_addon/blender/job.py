@@ -16,19 +16,23 @@ import bpy
 import numpy as np
 
 from .. import __version__
-from ..earlier_results import check_output, finished_frames
+from ..earlier_results import Recipe, check_output, finished_frames, recipe_hash
 from ..errors import SSGIError
-from ..files import write_json
+from ..files import check_writable, write_json
 from ..job_options import BEYOND_FRAME, TOGETHER, JobOptions
+from ..memory import RENDER_BYTES, check_memory
 from ..passes import settings_to_json, write_passes
-from ..results import Picture, check_writable, compute_picture, peak_memory_mb, write_picture
+from ..results import OUT_OF_MEMORY, Picture, compute_picture, peak_memory_mb, write_picture
 from . import demo_scene
+from .camera import full_size
 from .capture import CaptureOptions, capture_frame
 from .comparison import compare_with_cycles
 from .denoise_picture import can_denoise_pictures, clean_layers, compute_denoised_picture
 from .display import write_display_png
 from .kept_world import KeptWorld
+from .render_settings import find_view_layer
 from .restore import Restorer
+from .trust import denied_scripts, scripts_may_run
 
 Progress = Callable[[float, str], None]
 Report = dict[str, Any]
@@ -75,13 +79,21 @@ def run_job(scene_path: Path | None, options: JobOptions, progress: Progress | N
     if scene_path is None:
         _refuse_unread_file()
     else:
-        open_scene(scene_path)
+        open_scene(scene_path, enable_autoexec=options.enable_autoexec)
     report, _ = render_frames(bpy.context.scene, options, progress)
     return report
 
 
-def open_scene(path: Path) -> None:
+def open_scene(path: Path, *, enable_autoexec: bool = False) -> None:
     """Open a .blend file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    enable_autoexec
+        Run its scripts and drivers. Else they run where this Blender was told to run those of all files;
+        Blender as a Python module does not look for that.
 
     Raises
     ------
@@ -91,7 +103,11 @@ def open_scene(path: Path) -> None:
     if not path.is_file():
         raise SSGIError(f"there is no scene {path}: check the path")
     try:
-        bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=False)
+        bpy.ops.wm.open_mainfile(
+            filepath=str(path.resolve()),
+            load_ui=False,
+            use_scripts=enable_autoexec or (not bpy.app.module and scripts_may_run()),
+        )
     except RuntimeError as error:
         reason = str(error).strip().removeprefix("Error: ")
         raise SSGIError(
@@ -107,21 +123,12 @@ def render_frames(
     Parameters and errors are those of `run_job`.
     """
     stems = frame_stems(scene, options)
-    check_output(options, stems)
-    records = finished_frames(options, stems)
-    report: Report = {
-        "versions": _versions(),
-        "settings": {
-            **settings_to_json(options.settings),
-            "engine": options.engine,
-            "samples": options.samples,
-            "denoiser": options.denoiser,
-            "own_geometry": options.own_geometry,
-            **_beyond(options),
-            "keep_world": options.keep_world,
-        },
-        "frames": [],
-    }
+    if not scene.render.use_border:
+        check_memory(options.resolution or full_size(scene), RENDER_BYTES)
+    recipe = made_with(scene, find_view_layer(scene), options)
+    check_output(options, stems, recipe)
+    records = finished_frames(options, stems, recipe)
+    report: Report = {"versions": _versions(), "settings": _told_settings(options), "frames": []}
     results = []
     frames = [frame for frame in stems if frame not in records]
     kept = KeptWorld() if options.keep_world and len(frames) > 1 else None
@@ -131,7 +138,10 @@ def render_frames(
             restorer.change(scene.render, use_persistent_data=True)
         for index, frame in enumerate(frames):
             part = _part(progress, index / len(frames), 1.0 / len(frames))
-            result = _render_one(scene, frame, options, part, kept)
+            try:
+                result = _render_one(scene, frame, options, recipe, part, kept)
+            except MemoryError as error:
+                raise SSGIError(OUT_OF_MEMORY) from error
             results.append(result)
             records[frame] = result.record
             report["frames"] = [records[number] for number in stems if number in records]
@@ -145,6 +155,19 @@ def render_frames(
 def frame_stems(scene: bpy.types.Scene, options: JobOptions) -> dict[int, str]:
     """Return the frames that the options name, with the names of their files but for the endings."""
     return {frame: _stem(frame) for frame in options.frames or (scene.frame_current,)}
+
+
+def made_with(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, options: JobOptions) -> Recipe:
+    """Return what decides a frame's picture beside the content of the scene; threads never do."""
+    settings = {name: value for name, value in _told_settings(options).items() if name != "threads"}
+    return {
+        "ssgi": __version__,
+        "blender": ".".join(map(str, bpy.app.version[:2])),
+        "scene": scene.name,
+        "view_layer": view_layer.name,
+        "resolution": list(options.resolution or full_size(scene)),
+        **settings,
+    }
 
 
 def shown_result(scene: bpy.types.Scene, options: JobOptions) -> Path:
@@ -185,7 +208,12 @@ def run_demo(output: Path, progress: Progress | None = None) -> Path:
 
 
 def _render_one(
-    scene: bpy.types.Scene, frame: int, options: JobOptions, progress: Progress, kept: KeptWorld | None
+    scene: bpy.types.Scene,
+    frame: int,
+    options: JobOptions,
+    recipe: Recipe,
+    progress: Progress,
+    kept: KeptWorld | None,
 ) -> FrameResult:
     """Run the whole job on one frame; the order of the steps is that of the data flow."""
     share = 0.5 if options.compare else 1.0
@@ -200,10 +228,10 @@ def _render_one(
         write_passes(picture.frame, options.output / "passes", stem, options.settings)
     exr_path, png_path = options.output / f"{stem}.exr", options.output / f"{stem}.png"
     write_display_png(scene, picture.combined, png_path)
-    write_picture(picture, exr_path)
+    write_picture(picture, exr_path, recipe)
     seconds["write"] = time.perf_counter() - writing
     seconds["total"] = time.perf_counter() - begun
-    record = _record(frame, picture, seconds)
+    record = _record(frame, picture, seconds) | {"settings_hash": recipe_hash(recipe)}
     sheet_path = None
     if options.compare:
         rest = _part(progress, share, 0.9 * share)
@@ -283,6 +311,19 @@ def make_picture(
     return picture, {**seconds, "passes": time.perf_counter() - computing}
 
 
+def _told_settings(options: JobOptions) -> dict[str, Any]:
+    """Return the settings as the report tells them."""
+    return {
+        **settings_to_json(options.settings),
+        "engine": options.engine,
+        "samples": options.samples,
+        "denoiser": options.denoiser,
+        "own_geometry": options.own_geometry,
+        **_beyond(options),
+        "keep_world": options.keep_world,
+    }
+
+
 def _beyond(options: JobOptions) -> dict[str, Any]:
     return {name: getattr(options, name) for name in BEYOND_FRAME}
 
@@ -301,7 +342,7 @@ def _record(frame: int, picture: Picture, seconds: dict[str, float]) -> Report:
         "skipped": [
             {"what": what, "why": why} for what, why in (*picture.frame.skipped, *picture.light.skipped)
         ],
-        "notes": list(picture.frame.notes),
+        "notes": [*picture.frame.notes, *denied_scripts()],
         "metrics": None,
     }
 

@@ -64,7 +64,7 @@ def borrow_scene(
         raise SSGIError(f"{obstacle}.")
     if engine_id == CYCLES:
         cycles_engine()
-    layer = _find_view_layer(scene, view_layer)
+    layer = find_view_layer(scene, view_layer)
     restorer.callback(compat.update_render_layers_nodes, layer)
     if frame is not None:
         _go_to_frame(restorer, scene, frame)
@@ -192,7 +192,14 @@ def refuse_more_than_a_tile(size: tuple[int, int]) -> None:
         )
 
 
-def _find_view_layer(scene: bpy.types.Scene, name: str | None) -> bpy.types.ViewLayer:
+def find_view_layer(scene: bpy.types.Scene, name: str | None = None) -> bpy.types.ViewLayer:
+    """Return the view layer of that name; None means the active one, or the first that renders.
+
+    Raises
+    ------
+    SSGIError
+        If there is none of that name.
+    """
     if name is not None:
         layer = scene.view_layers.get(name)
         if layer is None:

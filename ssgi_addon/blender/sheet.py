@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from ..files import replacing
 from ..heatmap import legend_bar, legend_labels
-from ..png import write_png
+from ..png import check_whole, write_png
 
 _Picture = npt.NDArray[np.uint8]
 Panel = tuple[str, _Picture]
@@ -222,6 +222,7 @@ def _write(sheet: _Sheet, path: Path) -> None:
             imbuf.write(buffer, filepath=str(unfinished))
         finally:
             buffer.free()
+        check_whole(unfinished)
 
 
 def _draw_texts(buffer: imbuf.types.ImBuf, sheet: _Sheet) -> None:

@@ -261,7 +261,8 @@ def display_referred(image: FloatArray, exposure: float = 0.0) -> FloatArray:
 
 
 def _pair(image: FloatArray, reference: FloatArray) -> tuple[FloatArray, FloatArray]:
-    v, r = np.asarray(image, np.float64), np.asarray(reference, np.float64)
+    with np.errstate(invalid="ignore"):  # files may hold any kind of NaN, which is refused below
+        v, r = np.asarray(image, np.float64), np.asarray(reference, np.float64)
     if v.shape != r.shape:
         raise ValueError(f"image: expected the shape of the reference {r.shape}, got {v.shape}")
     if v.ndim not in (2, 3) or 0 in v.shape:

@@ -95,16 +95,14 @@ class InstalledExtension:
 
 @pytest.fixture(name="extension", scope="session")
 def installed_extension(tmp_path_factory: pytest.TempPathFactory) -> InstalledExtension:
-    """Build the extension and install it from the archive."""
+    """Install the archive that SSGI_EXTENSION names; without it, one that is built from the repository."""
     return _install(tmp_path_factory.getbasetemp() / "extension")
 
 
 @functools.cache  # a fixture that several modules import is set up once for each of them
 def _install(folder: Path) -> InstalledExtension:
     folder.mkdir()
-    built = blender_ext("build", "--source-dir", ROOT, "--output-dir", folder)
-    assert built.returncode == 0, built.stdout + built.stderr
-    (archive,) = folder.glob("*.zip")
+    archive = Path(os.environ.get("SSGI_EXTENSION") or _build(folder))
     installed = InstalledExtension(archive, folder / "resources")
     installed.resources.mkdir()
     script = f"""
@@ -113,3 +111,10 @@ result = list(bpy.ops.extensions.package_install_files(
 """
     assert installed.run(script, folder, enable=False) == ["FINISHED"]
     return installed
+
+
+def _build(folder: Path) -> Path:
+    built = blender_ext("build", "--source-dir", ROOT, "--output-dir", folder)
+    assert built.returncode == 0, built.stdout + built.stderr
+    (archive,) = folder.glob("*.zip")
+    return archive

@@ -198,7 +198,7 @@ def test_relative_paths_lead_where_they_led(room, options, start, tmp_path):
     image.use_fake_user = True
     start(room, options)
     assert image.filepath == "//textures/wood.png"
-    (copy,) = (tmp_path / "cache").glob("render-*/room.blend")
+    (copy,) = (tmp_path / "cache").glob("ssgi-*/room.blend")
     bpy.ops.wm.open_mainfile(filepath=str(copy))
     found = Path(bpy.path.abspath(bpy.data.images["Wood"].filepath)).resolve()
     assert found == (tmp_path / "textures" / "wood.png").resolve()

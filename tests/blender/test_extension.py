@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import zipfile
+from pathlib import Path
 
 import pytest
 
@@ -29,6 +30,16 @@ def test_archive_holds_what_runs_and_nothing_else(extension):
     }
     allowed = {"ssgi_addon", "operators", "wheels", "blender_manifest.toml", "__init__.py", "LICENSE"}
     assert {name.partition("/")[0] for name in names} <= allowed | {"README.md", "CHANGELOG.md"}
+
+
+def test_wheels_of_the_archive_are_what_reads_and_writes_files(extension, tmp_path):
+    if not any(name.endswith(".whl") for name in zipfile.ZipFile(extension.archive).namelist()):
+        pytest.skip("built without wheels")
+    script = """
+from bl_ext.user_default.ssgi.ssgi_addon import exr
+result = exr._openexr().__file__
+"""
+    assert Path(extension.run(script, tmp_path)).is_relative_to(extension.resources)
 
 
 def test_disabling_leaves_nothing_behind(extension, tmp_path):

@@ -139,10 +139,10 @@ def test_a_failure_before_the_picture_writes_nothing(room, options, monkeypatch)
 
 
 def test_frames_done_before_a_failure_are_in_the_report(room, options, monkeypatch):
-    def fail_later(picture, path, write=job.write_picture):
+    def fail_later(picture, path, recipe, write=job.write_picture):
         if path.stem.endswith("3"):
             raise SSGIError("no room")
-        write(picture, path)
+        write(picture, path, recipe)
 
     monkeypatch.setattr(job, "write_picture", fail_later)
     with pytest.raises(SSGIError):
@@ -186,7 +186,7 @@ def test_stopped_run_goes_on_where_it_stopped(room, options, monkeypatch):
 def test_later_records_outlive_a_second_stop(room, options, monkeypatch):
     render_frames(room, replace(options, frames=(3,)))
 
-    def fail(picture, path):
+    def fail(picture, path, recipe):
         raise SSGIError("no room")
 
     monkeypatch.setattr(job, "write_picture", fail)

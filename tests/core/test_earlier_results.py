@@ -6,23 +6,38 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+pytest.importorskip("OpenEXR")
+
 from ssgi_addon.core import Settings
-from ssgi_addon.earlier_results import check_output, finished_frames, was_skipped
+from ssgi_addon.earlier_results import check_output, finished_frames, recipe_hash, recipe_text, was_skipped
 from ssgi_addon.errors import SSGIError
+from ssgi_addon.exr import write_layers
 from ssgi_addon.files import write_json
 from ssgi_addon.job_options import JobOptions
 from ssgi_addon.render_task import RenderTask, read_task, write_task
 
 STEMS = {1: "room_0001", 2: "room_0002", 3: "room_0003"}
+RECIPE = {
+    "ssgi": "1.2.3",
+    "scene": "Room\n",
+    "samples": 4,
+    "settings": {"diffuse": {"rays": 2, "far": "inf"}},
+}
+
+
+def write_result(path, recipe=RECIPE):
+    told = {} if recipe is None else {"ssgi.made_with": recipe_text(recipe)}
+    write_layers(path, {"combined": np.zeros((3, 4, 3), np.float32)}, told)
 
 
 @pytest.fixture
 def options(tmp_path):
     """Frames 1 and 3 are there, the report knows the first."""
     for frame in (1, 3):
-        (tmp_path / f"{STEMS[frame]}.exr").touch()
+        write_result(tmp_path / f"{STEMS[frame]}.exr")
     record = {"frame": 1, "seconds": {"total": 2.0}, "skipped": [{"what": "fill", "why": "0 samples"}]}
     write_json(tmp_path / "report.json", {"frames": [record]})
     return JobOptions(tmp_path)
@@ -30,18 +45,18 @@ def options(tmp_path):
 
 def test_earlier_results_are_refused_unless_replaced_or_kept(options):
     with pytest.raises(SSGIError, match=r"room_0001\.exr is there already: switch Overwrite on"):
-        check_output(options, STEMS)
+        check_output(options, STEMS, RECIPE)
     for change in ({"overwrite": True}, {"resume": True}):
-        check_output(replace(options, **change), STEMS)
+        check_output(replace(options, **change), STEMS, RECIPE)
 
 
 def test_without_resume_or_with_overwrite_nothing_is_kept(options):
-    assert finished_frames(options, STEMS) == {}
-    assert finished_frames(replace(options, resume=True, overwrite=True), STEMS) == {}
+    assert finished_frames(options, STEMS, RECIPE) == {}
+    assert finished_frames(replace(options, resume=True, overwrite=True), STEMS, RECIPE) == {}
 
 
 def test_finished_frames_keep_their_entry_and_say_that_they_were_skipped(options):
-    kept = finished_frames(replace(options, resume=True), STEMS)
+    kept = finished_frames(replace(options, resume=True), STEMS, RECIPE)
     assert kept.keys() == {1, 3}
     assert all(was_skipped(record) for record in kept.values())
     assert kept[1]["seconds"] == {"total": 2.0}
@@ -51,20 +66,66 @@ def test_finished_frames_keep_their_entry_and_say_that_they_were_skipped(options
 
 def test_frame_that_is_skipped_again_says_so_once(options):
     options = replace(options, resume=True)
-    first = finished_frames(options, STEMS)
+    first = finished_frames(options, STEMS, RECIPE)
     write_json(options.output / "report.json", {"frames": list(first.values())})
-    assert finished_frames(options, STEMS) == first
+    assert finished_frames(options, STEMS, RECIPE) == first
 
 
 def test_frame_without_its_comparison_is_not_finished(options):
     (options.output / f"{STEMS[3]}_compare.png").touch()
-    assert finished_frames(replace(options, resume=True, compare=True), STEMS).keys() == {3}
+    assert finished_frames(replace(options, resume=True, compare=True), STEMS, RECIPE).keys() == {3}
+
+
+def test_frame_without_its_passes_is_not_finished(options):
+    (options.output / "passes").mkdir()
+    (options.output / "passes" / f"{STEMS[1]}.json").touch()
+    wanted = replace(options, resume=True, save_passes=True)
+    assert finished_frames(wanted, STEMS, RECIPE).keys() == {1}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"samples": 32}, r"room_0001\.exr was rendered with samples 4 instead of 32: give the same"),
+        ({"ssgi": "2.0.0"}, "ssgi 1.2.3 instead of 2.0.0"),
+        ({"settings": {"diffuse": {"rays": 8, "far": "inf"}}}, "settings.diffuse.rays 2 instead of 8"),
+        ({"scene": "Other", "a": 1, "b": 2, "c": 3, "d": 4}, "and 1 more: .*--overwrite"),
+    ],
+)
+def test_resume_refuses_frames_of_other_settings_and_names_them(options, change, message):
+    wanted = {**RECIPE, **change}
+    with pytest.raises(SSGIError, match=message):
+        check_output(replace(options, resume=True), STEMS, wanted)
+    check_output(replace(options, overwrite=True), STEMS, wanted)
+    assert recipe_hash(wanted) != recipe_hash(RECIPE)
+
+
+def test_resume_refuses_a_picture_that_does_not_say_how_it_was_made(options):
+    write_result(options.output / f"{STEMS[2]}.exr", None)
+    with pytest.raises(SSGIError, match="was rendered with no settings"):
+        check_output(replace(options, resume=True), STEMS, RECIPE)
+
+
+def test_picture_that_is_not_whole_is_rendered_again(options):
+    for frame, length in ((1, 0), (3, 300)):
+        path = options.output / f"{STEMS[frame]}.exr"
+        path.write_bytes(path.read_bytes()[:length])
+    resumed = replace(options, resume=True)
+    check_output(resumed, STEMS, RECIPE)
+    assert finished_frames(resumed, STEMS, RECIPE) == {}
+
+
+def test_name_that_no_disk_takes_is_refused_before_the_work(options):
+    with pytest.raises(SSGIError, match="too long for a file"):
+        check_output(options, {1: "x" * 250}, RECIPE)
+    with pytest.raises(SSGIError, match="too long for a file"):
+        check_output(options, {1: "ß" * 121}, RECIPE)
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"frames": [{}]}', '{"frames": 1}'])
 def test_damaged_report_costs_its_entries_alone(options, text):
     (options.output / "report.json").write_text(text)
-    assert finished_frames(replace(options, resume=True), STEMS).keys() == {1, 3}
+    assert finished_frames(replace(options, resume=True), STEMS, RECIPE).keys() == {1, 3}
 
 
 def test_task_reads_back(tmp_path):

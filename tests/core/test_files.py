@@ -4,6 +4,7 @@ import os
 
 import pytest
 
+from ssgi_addon import files
 from ssgi_addon.errors import SSGIError
 from ssgi_addon.files import discard_unfinished, read_json, replacing, write_json
 
@@ -66,7 +67,7 @@ def test_json_holds_no_nan(tmp_path):
     assert os.listdir(tmp_path) == []
 
 
-@pytest.mark.parametrize("text", ["", "{", "\udcff"])
+@pytest.mark.parametrize("text", ["", "{", "\udcff", "[" * 100000, "1" * 5000])
 def test_damaged_json_is_one_clear_line(tmp_path, text):
     path = tmp_path / "a.json"
     path.write_bytes(text.encode("utf-8", "surrogateescape"))
@@ -85,7 +86,11 @@ def test_report_is_valid_json_for_other_readers(tmp_path):
 
 
 def test_what_a_killed_process_left_goes_and_nothing_else(tmp_path):
-    names = [".a.exr.7.tmp", "passes/.b.exr.7.tmp", ".a.exr.77.tmp", "a.exr", "deep/er/.c.exr.7.tmp"]
+    host = files._host()
+    names = [
+        f".ssgi-{host}-7-0.tmp", f"passes/.ssgi-{host}-7-1.tmp", f".ssgi-{host}-77-0.tmp", "a.exr",
+        f"other/.ssgi-{host}-7-2.tmp", ".ssgi-00000000-7-0.tmp", f"ssgi-{host}-7-3.tmp",
+    ]  # fmt: skip
     for name in names:
         path = tmp_path / name
         path.parent.mkdir(parents=True, exist_ok=True)

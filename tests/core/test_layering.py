@@ -5,13 +5,10 @@ from __future__ import annotations
 
 import ast
 import sys
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-
-import ssgi_addon
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -126,8 +123,3 @@ def test_tests_reach_operators_through_blender_alone():
             module.partition(".")[0] for _, module in imports(ast.parse(path.read_text(encoding="utf-8")))
         }
         assert "operators" not in modules, path
-
-
-def test_manifest_has_the_version_of_the_package():
-    manifest = tomllib.loads((ROOT / "blender_manifest.toml").read_text(encoding="utf-8"))
-    assert manifest["version"] == ssgi_addon.__version__
