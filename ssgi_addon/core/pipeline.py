@@ -26,6 +26,8 @@ from .settings import Settings
 from .silhouettes import find_surface_edges, settle_silhouettes
 from .types import FloatArray, IntArray
 
+# Shares of light that are left out are told from here on.
+_TOLD = 5e-5
 # How diffuse rays are taken where a fill brings the light.
 _FOR_VISIBILITY: dict[str, Any] = {"resolution": "quarter", "rays": 4, "bounces": 1, "adaptive": 0.0}
 # Width of the part of a lobe that holds most of its light, per unit of distance and of alpha.
@@ -121,6 +123,8 @@ class _Run:
         self.images: dict[str, FloatArray] = {}
         is_clean = fill is not None and fill.is_denoised
         self.plan = plan_passes(gbuffer, settings, environment, has_clean_fill=is_clean)
+        # Light that was left out of the fill, as (what, why)
+        self.dimmed: list[tuple[str, str]] = []
         # What the pixels of all views hand on to mirrors beside their source
         self.handed_on: FloatArray | None = None
         # What rays over the hemisphere look up where they escape
@@ -266,8 +270,15 @@ class _Run:
         """Bring diffuse and glossy light to the level of a fill."""
         self.report(0.95, "Fill")
         frame = self.gbuffer, self.camera
-        for name, pixel, light in level_by_fill(self.images, self.plan, frame, fill, self.settings.threads):
+        dimmed: dict[str, float] = {}
+        levelled = level_by_fill(self.images, self.plan, frame, fill, self.settings.threads, dimmed)
+        for name, pixel, light in levelled:
             self._keep(name, pixel, light)
+        self.dimmed = [
+            (f"{share:.2%} of the fill's {name} light", "of single pixels that outshine all around them")
+            for name, share in dimmed.items()
+            if share >= _TOLD
+        ]
 
     def _keep(self, name: str, pixels: IntArray, values: FloatArray, elsewhere: float = 0.0) -> None:
         """Write values (P, ...) of some pixels into an image of the result."""
@@ -314,7 +325,7 @@ class _Run:
         return IndirectLight(
             **{name: self._image(name) for name in names},
             known=np.minimum(known, 1.0).astype(self.dtype),
-            skipped=self.plan.skipped,
+            skipped=(*self.plan.skipped, *self.dimmed),
             seconds=dict(self.seconds),
             rays=dict(self.rays),
         )
@@ -326,6 +337,7 @@ def level_by_fill(
     frame: tuple[GBuffer, Camera],
     fill: Fill,
     threads: int | None,
+    dimmed: dict[str, float] | None = None,
 ) -> list[tuple[str, IntArray, FloatArray]]:
     """Return pixels (P,) and light (P, 3) at the level of a fill, by the names of the images.
 
@@ -337,6 +349,8 @@ def level_by_fill(
         That they were made by and for.
     fill, threads
         As in `set_level`.
+    dimmed
+        Receives the shares that `set_level` tells, by name.
     """
     kinds = {"diffuse": plan.diffuse, "glossy": plan.glossy}
     kinds = {name: pixel for name, pixel in kinds.items() if pixel.size}
@@ -352,7 +366,10 @@ def level_by_fill(
         )
         for name, pixel in kinds.items()
     ]
-    levelled = set_level(lights, frame, fill, threads)
+    shares: list[float] = []
+    levelled = set_level(lights, frame, fill, threads, shares)
+    if dimmed is not None:
+        dimmed.update(zip(kinds, shares, strict=True))
     return [(name, pixel, light) for (name, pixel), light in zip(kinds.items(), levelled, strict=True)]
 
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ssgi_addon.core import Camera, Environment, GBuffer, Settings, composite, render_indirect, tracer
+from ssgi_addon.core import Camera, Environment, Fill, GBuffer, Settings, composite, render_indirect, tracer
 from ssgi_addon.core.depth_field import DepthField
 from tests.core.synthetic import Plane, Sphere, capture, make_settings, uniform_gbuffer
 from tests.core.test_pipeline import assert_in_range
@@ -246,6 +246,25 @@ def test_light_of_one_blinding_pixel_falls_on_what_sees_it_and_is_not_clamped():
         assert_in_range(light)
         sums.append(light.diffuse.sum(dtype=np.float64))
     assert sums[1] == pytest.approx(1e5 * sums[0], rel=CLOSED_FORM_RELATIVE)
+
+
+def test_light_that_the_limit_on_fireflies_takes_is_told():
+    """One of 192 pixels of a fill is a thousand times as bright: most of its light is left out, and said."""
+    camera, coarse = Camera.perspective(48, 36, 0.9), Camera.perspective(16, 12, 0.9)
+    gbuffer, seen = capture(camera, [WALL, FLOOR]), capture(coarse, [WALL, FLOOR])
+    told = []
+    for brightest in (1.0, 1000.0):
+        diffuse = np.ones((12, 16, 3))
+        diffuse[6, 8] = brightest
+        fill = Fill(seen.depth, seen.normal, diffuse, np.zeros_like(diffuse), coarse)
+        light = render_indirect(gbuffer, camera, with_method("hemisphere"), fill=fill)
+        assert_in_range(light)
+        told.append([what for what, why in light.skipped if "outshine" in why])
+    assert told[0] == []
+    assert len(told[1]) == 1
+    share = float(told[1][0].partition("%")[0]) / 100.0
+    assert 0.5 < share < 1000.0 / 1191.0
+    assert told[1][0].endswith("of the fill's diffuse light")
 
 
 # Case 26: rough reflections.
