@@ -189,7 +189,6 @@ def settings_by_name() -> dict[str, Settings]:
     for method in METHODS:
         options = {"method": method, "bounces": 1, "filter": False, "rays": 4, "slices": 2}
         found[method] = replace(base, diffuse=replace(base.diffuse, **options), reflections=lines)
-    # A cone on the border between two levels of the pyramid reads one mean or the other
     found["cones"] = replace(found["hemisphere"], reflections=replace(lines, color_pyramid=True))
     found["balanced"] = Settings.preset("balanced")
     return found
