@@ -12,16 +12,58 @@ import hypothesis
 import numpy as np
 import pytest
 
+from tests import budget
+
 # Times say nothing on a shared machine, and a run that fails must fail again.
 hypothesis.settings.register_profile("ssgi", deadline=None, derandomize=True)
 hypothesis.settings.load_profile("ssgi")
+# Tests without a budget of their own.
+_EXAMPLES = 100
 
 _EXIT_STATUS = pytest.StashKey[int]()
 _resources = None
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--stress",
+        type=int,
+        default=1,
+        metavar="TIMES",
+        help="try so many times the examples of property tests, and other ones in each run",
+    )
+
+
 def pytest_configure(config: pytest.Config) -> None:
-    """Give Blender a folder of its own: no preferences or extensions of the user come in or go out."""
+    config.addinivalue_line("markers", "property: a property test, which tries many examples")
+    times = config.getoption("--stress")
+    if times > 1:
+        # A failure prints how to repeat it
+        hypothesis.settings.register_profile(
+            "stress", deadline=None, max_examples=_EXAMPLES * times, print_blob=True,
+            suppress_health_check=[hypothesis.HealthCheck.too_slow],
+        )  # fmt: skip
+        hypothesis.settings.load_profile("stress")
+        budget.multiply(times)
+    _give_blender_a_folder()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if hypothesis.is_hypothesis_test(getattr(item, "obj", None)):
+            item.add_marker(pytest.mark.property)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    if config.getoption("--stress") > 1:
+        tried = budget.tried
+        terminalreporter.write_line(f"{sum(tried.values()):,} examples tried in {len(tried)} property tests")
+        for name, count in sorted(tried.items()):
+            terminalreporter.write_line(f"{count:9,}  {name}")
+
+
+def _give_blender_a_folder() -> None:
+    """No preferences or extensions of the user come in or go out."""
     global _resources
     if "BLENDER_USER_RESOURCES" not in os.environ:
         _resources = tempfile.TemporaryDirectory(prefix="ssgi-tests-")

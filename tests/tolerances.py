@@ -403,3 +403,53 @@ SAME_RENDER = 1e-4
 # relative: what counts as no growth. A run of 40 frames has grown by at most that, too.
 MEMORY_GROWTH = 0.05
 GROWTH_OF_A_SHORT_RUN = 0.05
+
+# Single precision against double, of light and shares, relative to the pixel or to 1 % of the mean: the
+# required bounds at the 99.9th percentile and at most, at pixels of whose rays none has moved.
+FLOAT32_LIGHT = 1e-3
+FLOAT32_LARGEST = 1e-2
+# The same bounds where light is counted in sectors, and in steps of sevenths of them: rounding may count one
+# more. Of 2 slices with 2 sides each one sector is a 128th of the hemisphere.
+FLOAT32_SECTORS = {"horizon": (1e-3, 0.02), "bitmask": (1e-3, 0.05)}
+# Share of the rays that meet something else in single precision, the required bound; and of those that meet
+# another pixel, mostly the next one of the same surface.
+FLOAT32_RAYS_CHANGED = 1e-3
+FLOAT32_RAYS_MOVED = 1e-3
+# Directions of a mirror that faces the camera: a few roundings of unit vectors.
+FLOAT32_MIRROR_ANGLE = 1e-6
+# Extent of a slab however thin: a few roundings.
+FLOAT32_THIN_SLAB = 1e-6
+
+# Mean light of the parts of a frame, by 64 rays, and of the frame turned over: root mean square over parts of
+# 64 pixels, relative to the mean of all.
+FLIPPED_MEAN = 0.02
+# Mean light after the world was turned: directions of the sky are turned in single precision, and few rays
+# go past another edge of a view.
+TURNED_WORLD_MEAN = 1e-3
+# Light of a crop beside a view of the whole, mean difference relative to the mean: patches at the border of
+# the crop have other neighbours, and rays that leave it go on from the border.
+CROPPED_FRAME = 0.02
+# What twice the pixels each way leave of the error against eight times as many: a half, and what single
+# edges and noise add.
+HALF_THE_PIXELS_ERROR = 0.75
+# Steps of light between columns at a border of the sampling pattern's tiles against all others, without a
+# filter and with it: neighbours in a tile share a sequence, so that their noise is not independent (measured:
+# at most 1.28 and 1.1).
+TILE_BORDER = {False: 1.5, True: 1.25}
+
+# Light away from rims, and the brightest pixel, of passes that are means over rims: relative. Rays meet the
+# rims and bring the mixture of two surfaces.
+AVERAGED_RIM_MEAN = 0.02
+# Mean light where each pixel's surface is there a second time at the same depth.
+COPLANAR_LAYER_MEAN = 0.01
+# What wires of one pixel before a wall close of its hemispheres, per share of the frame that they are.
+WIRE_SHARE = 2.0
+# Widths of a blurred edge, upright and level, and at different scales: noise of 256 rays over 48 rows.
+ROUND_BLUR = 0.05
+SAME_BLUR_AT_ANY_DISTANCE = 0.02
+
+# Bytes that each further pixel of a frame takes at the peak of the passes, beyond the frame itself: without
+# views, and with a surround of half as many pixels. Small frames, whose pyramids are padded and whose rays at
+# work count in part (measured: 278 and 350, and 403; of frames four times as large 227 and 280, and 330).
+BYTES_PER_PIXEL = {"balanced": 320, "final": 400}
+BYTES_PER_PIXEL_WITH_VIEWS = {"balanced": 450}

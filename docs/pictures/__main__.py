@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The site's pictures; ``make docs`` calls it.
 
-    python -m docs.pictures              # those that need no Blender: a minute
+    python -m docs.pictures              # those that need no Blender: two minutes
     python -m docs.pictures --all        # and those that Blender renders: many minutes
     python -m docs.pictures --committed  # none: those of the repository are used
 

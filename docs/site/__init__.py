@@ -20,6 +20,7 @@ _FILL = re.compile(r"^<!-- fill: (?P<name>\w+)(?: (?P<argument>\S+))? -->$", re.
 def setup(app: Any) -> dict[str, bool]:
     """Register with Sphinx."""
     app.connect("source-read", _fill_page)
+    app.connect("env-get-outdated", _filled_pages)
     # Before napoleon reads docstrings
     app.connect("autodoc-process-docstring", _split_attributes, priority=400)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
@@ -29,6 +30,11 @@ def _fill_page(app: Any, name: str, source: list[str]) -> None:
     """Replace a page's source by what Sphinx should read."""
     path = Path(app.env.doc2path(name)).resolve().relative_to(ROOT)
     source[0] = page_source(source[0], path)
+
+
+def _filled_pages(_app: Any, env: Any, *_changes: Any) -> list[str]:
+    """Return the pages that depend on more than their own file: they are read each time."""
+    return [name for name in env.found_docs if _FILL.search(Path(env.doc2path(name)).read_text("utf-8"))]
 
 
 def _split_attributes(

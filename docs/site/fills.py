@@ -34,9 +34,16 @@ def _section(argument: str, page: Path) -> str:
 
 
 def _records(argument: str, page: Path) -> str:
-    """Return links to all files of a folder, by name, with their titles."""
-    names = sorted(path.stem for path in (ROOT / page.parent).glob(f"{argument}.md"))
-    return "\n".join(["```{toctree}", ":maxdepth: 1", "", *names, "```"])
+    """Return a table of a folder's files, by name, with what each says of others that it replaces."""
+    paths = sorted((ROOT / page.parent).glob(f"{argument}.md"))
+    rows = ["| decision | of others |", "| --- | --- |"]
+    for path in paths:
+        title, _, text = path.read_text(encoding="utf-8").partition("\n")
+        note = " ".join(text.strip().split("\n\n")[0].split())
+        note = note if note.startswith(("Replace", "Change")) else ""
+        rows.append(f"| [{title.removeprefix('# ')}]({path.name}) | {note} |")
+    toctree = ["```{toctree}", ":hidden:", "", *(path.stem for path in paths), "```"]
+    return "\n".join([*rows, "", *toctree])
 
 
 def _page(argument: str, page: Path) -> str:

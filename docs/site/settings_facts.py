@@ -18,8 +18,8 @@ from ssgi_addon.job_options import BEYOND_FRAME, ENGINES, JobOptions, rendered
 _SAMPLING = ("samples", "denoiser", "own_geometry")
 _COMPARE = ("compare", "reference_samples")
 _FILL_USE = ("fill_mode", "filled_roughness", "visibility")
-# The scene's own properties of the same meaning stand in for options without a help text.
-_ONLY_HELD = ("output", "engine", "resolution", "frames", "overwrite", "resume")
+# From here on digits are grouped.
+_LARGE = 1e5
 
 
 def settings_of(group: str) -> list[Field[Any]]:
@@ -91,7 +91,12 @@ def _shown(value: Any) -> str:
         return "as many as there are"
     if value == math.inf:
         return "without limit"
-    return f"`{value}`" if isinstance(value, str) else f"{value:g}"
+    return f"`{value}`" if isinstance(value, str) else number(value)
+
+
+def number(value: float) -> str:
+    """Return a number of a declaration as people write it."""
+    return f"{value:,.0f}" if abs(value) >= _LARGE else f"{value:g}"
 
 
 def _presets(group: str, name: str) -> str:
@@ -117,9 +122,9 @@ def _range(item: Field[Any]) -> str:
     rule = item.metadata
     if rule["choices"] is not None or isinstance(item.default, bool) or rule["min"] is None:
         return ""
-    lowest = f"{rule['min']:g}"
-    text = f"from {lowest}" if rule["max"] is None else f"{lowest} to {rule['max']:g}"
-    return text if rule["soft_max"] is None else f"{text} (slider to {rule['soft_max']:g})"
+    lowest = number(rule["min"])
+    text = f"from {lowest}" if rule["max"] is None else f"{lowest} to {number(rule['max'])}"
+    return text if rule["soft_max"] is None else f"{text} (slider to {number(rule['soft_max'])})"
 
 
 def _owner(group: str) -> str:

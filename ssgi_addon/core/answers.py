@@ -211,6 +211,7 @@ def _thickness(field: DepthField, pixel: IntArray) -> FloatArray:
     slab: FloatArray = planes[:, 3]
     if field.camera.is_orthographic:
         return slab
+    # 1 / (front - slab) - 1 / front, whose difference has no digits left where things are thin
     with np.errstate(divide="ignore"):
-        thickness: FloatArray = 1.0 / (front - slab) - 1.0 / front
+        thickness: FloatArray = slab / front / (front - slab)
     return thickness

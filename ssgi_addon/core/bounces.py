@@ -15,6 +15,7 @@ from .cells import STRIDES
 from .denoise import GEOMETRIC_LEVELS, filter_light
 from .diffuse import DiffuseSamples, sample_hemispheres
 from .environment import Environment
+from .gbuffer import LARGEST
 from .light import fill_unknown
 from .planner import is_colored
 from .sample_grid import SampleGrid
@@ -115,7 +116,7 @@ class DiffusePass:
         parts = [self._bounce(source), samples.visibility[:, None]]
         if self.environment is not None:
             parts.append(samples.environment)
-        known = self._spread(0, [samples.known])[0]
+        known = np.minimum(self._spread(0, [samples.known])[0], 1.0)
         dark = np.zeros((pixel.size, 3), dtype=self.scene.dtype)
         blind = geometric_levels(samples)
         self.variance = {home: of.variance for home, of in self.samples.items()}
@@ -213,7 +214,9 @@ class DiffusePass:
             received = light[where] if grid is None else light.take(grid.nearest[where], axis=0)
             if bright is not None:
                 received = received + bright[where]
-            handed_on[pixel] = source.take(pixel, axis=0) + albedo.take(pixel, axis=0) * received
+            brighter = source.take(pixel, axis=0) + albedo.take(pixel, axis=0) * received
+            # Colours above 1 let light grow from bounce to bounce
+            handed_on[pixel] = np.minimum(brighter, LARGEST, out=brighter)
 
         parallel.run_chunks(
             work, parallel.split(np.arange(pixels.size), parallel.RAYS_PER_TASK), self.settings.threads

@@ -7,17 +7,35 @@ View space is right-handed, the camera looks down -Z, +Y is up; pixel (0, 0) is 
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from .gbuffer import LARGEST, as_array
 from .types import FloatArray
+
+# What single precision can project. Pixels: the longest side of an image, and how far the optical axis may
+# lie off its middle (a sixteenth of a pixel is told apart there).
+LARGEST_SIDE = 65536
+_FARTHEST_AXIS = 1e6
+# Focal lengths in image widths: 179.9 degrees to a millionth of a radian.
+_FOCAL_LENGTHS = (5e-4, 1e6)
+# Of parallel views, scene units.
+_WIDTHS = (1e-12, 1e12)
+_LEAST_ASPECT = 1e-3
+# All that these make of `fx` and `fy`.
+_SCALES = {False: (1e-7, 1e14), True: (1e-15, 1e20)}
 
 
 @dataclass(frozen=True, eq=False)
 class Camera:
     """Intrinsics in pixels and the pose.
+
+    Construction validates what single precision can project: sides of up to 65536 pixels, and an optical axis
+    within a million pixels of the image's middle.
 
     Attributes
     ----------
@@ -31,6 +49,11 @@ class Camera:
         Parallel projection.
     world_from_view
         (4, 4) float64 rigid transform for column vectors.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of that range, or the pose is no invertible transform.
     """
 
     width: int
@@ -41,6 +64,21 @@ class Camera:
     cy: float
     is_orthographic: bool
     world_from_view: FloatArray
+
+    def __post_init__(self) -> None:
+        lowest, highest = _SCALES[bool(self.is_orthographic)]
+        unit = "pixels per scene unit" if self.is_orthographic else "pixels"
+        for side, scale, axis in (("width", "fx", "cx"), ("height", "fy", "cy")):
+            _check_side(side, getattr(self, side))
+            value = getattr(self, scale)
+            if not (_is_number(value) and lowest <= value <= highest):
+                raise ValueError(f"{scale}: expected {lowest:g} to {highest:g} {unit}, got {value!r}")
+            value = getattr(self, axis)
+            if not (_is_number(value) and abs(value - 0.5 * getattr(self, side)) <= _FARTHEST_AXIS):
+                raise ValueError(
+                    f"{axis}: expected pixels within {_FARTHEST_AXIS:g} of the middle, got {value!r}"
+                )
+        object.__setattr__(self, "world_from_view", as_pose(self.world_from_view, ((4, 4),)))
 
     @classmethod
     def perspective(
@@ -71,11 +109,16 @@ class Camera:
         Raises
         ------
         ValueError
-            If a size is not a positive integer, or the field of view or the aspect is out of range.
+            If a size is not a positive integer, or the field of view, the shift or the aspect is out of
+            range.
         """
-        if not (_is_number(fov_x) and 0.0 < fov_x < math.pi):
-            raise ValueError(f"fov_x: expected radians between 0 and pi, got {fov_x!r}")
-        _check_size(width, height)
+        _check_side("width", width)
+        widest, narrowest = (2.0 * math.atan(0.5 / focal) for focal in _FOCAL_LENGTHS)
+        if not (_is_number(fov_x) and narrowest <= fov_x <= widest):
+            raise ValueError(
+                f"fov_x: expected radians between 0 and pi, from {narrowest:.0e} to {widest:.4f}, "
+                f"got {fov_x!r}"
+            )
         return cls._make(
             width, height, 0.5 * width / math.tan(0.5 * fov_x), shift_px, pixel_aspect, False, world_from_view
         )
@@ -107,9 +150,12 @@ class Camera:
         ValueError
             If a size is not a positive integer, or the width in units or the aspect is not positive.
         """
-        if not (_is_number(width_units) and width_units > 0.0):
-            raise ValueError(f"width_units: expected a positive number of scene units, got {width_units!r}")
-        _check_size(width, height)
+        _check_side("width", width)
+        if not (_is_number(width_units) and _WIDTHS[0] <= width_units <= _WIDTHS[1]):
+            raise ValueError(
+                f"width_units: expected a positive number of scene units from {_WIDTHS[0]:g} to "
+                f"{_WIDTHS[1]:g}, got {width_units!r}"
+            )
         return cls._make(width, height, width / width_units, shift_px, pixel_aspect, True, world_from_view)
 
     @classmethod
@@ -123,11 +169,16 @@ class Camera:
         is_orthographic: bool,
         world_from_view: FloatArray | None,
     ) -> Camera:
-        if not (_is_number(pixel_aspect) and pixel_aspect > 0.0):
-            raise ValueError(f"pixel_aspect: expected a positive number, got {pixel_aspect!r}")
-        if np.shape(shift_px) != (2,) or not all(_is_number(value) for value in shift_px):
+        _check_side("height", height)
+        if not (_is_number(pixel_aspect) and _LEAST_ASPECT <= pixel_aspect <= 1.0 / _LEAST_ASPECT):
+            raise ValueError(
+                f"pixel_aspect: expected a positive number from {_LEAST_ASPECT:g} to "
+                f"{1.0 / _LEAST_ASPECT:g}, got {pixel_aspect!r}"
+            )
+        if as_array("shift_px", shift_px).shape != (2,) or not all(_is_number(value) for value in shift_px):
             raise ValueError(f"shift_px: expected two finite numbers, got {shift_px!r}")
-        pose = np.eye(4) if world_from_view is None else as_pose(world_from_view, ((4, 4),))
+        if any(abs(shift) > _FARTHEST_AXIS for shift in shift_px):
+            raise ValueError(f"shift_px: expected at most {_FARTHEST_AXIS:g} pixels, got {shift_px!r}")
         return cls(
             int(width),
             int(height),
@@ -136,7 +187,7 @@ class Camera:
             0.5 * width + float(shift_px[0]),
             0.5 * height + float(shift_px[1]),
             is_orthographic,
-            pose,
+            np.eye(4) if world_from_view is None else world_from_view,
         )
 
     def view_to_pixel(self, points_vs: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -182,16 +233,31 @@ class Camera:
 
 def as_pose(matrix: object, shapes: Sequence[tuple[int, int]]) -> FloatArray:
     """Return a float64 copy of `world_from_view`, or raise ValueError where it is no invertible matrix."""
-    array = np.asarray(matrix)
+    array = as_array("world_from_view", matrix)
     expected = " or ".join(str(shape) for shape in shapes)
     if array.dtype.kind not in "fiu" or array.shape not in shapes:
         raise ValueError(
             f"world_from_view: expected a {expected} matrix of numbers, got {array.dtype} {array.shape}"
         )
     pose = array.astype(np.float64)
-    if not np.isfinite(pose).all() or np.linalg.det(pose) == 0.0:
+    if not _is_invertible(pose):
         raise ValueError(f"world_from_view: expected a finite invertible matrix, got {matrix!r}")
+    if pose.shape == (4, 4) and not np.allclose(pose[3], (0.0, 0.0, 0.0, 1.0), rtol=0.0, atol=1e-6):
+        raise ValueError(
+            f"world_from_view: expected 0, 0, 0, 1 in the last row, for column vectors, got {pose[3]}"
+        )
     return pose
+
+
+def _is_invertible(matrix: FloatArray) -> bool:
+    """Return whether single precision can take vectors through a matrix and back."""
+    if not (np.abs(matrix) <= LARGEST).all():  # False for NaN
+        return False
+    try:
+        inverse = np.linalg.inv(matrix)
+    except np.linalg.LinAlgError:
+        return False
+    return bool((np.abs(inverse) <= LARGEST).all())
 
 
 def move_between(home: Camera, other: Camera) -> FloatArray:
@@ -199,11 +265,16 @@ def move_between(home: Camera, other: Camera) -> FloatArray:
     return np.linalg.inv(other.world_from_view) @ home.world_from_view
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float, np.integer, np.floating)) and math.isfinite(value)
+def _is_number(value: Any) -> bool:
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+        return False
+    # An integer may be longer than a float
+    return abs(value) <= sys.float_info.max if isinstance(value, int) else math.isfinite(value)
 
 
-def _check_size(width: object, height: object) -> None:
-    for name, value in (("width", width), ("height", height)):
-        if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
-            raise ValueError(f"{name}: expected a positive integer number of pixels, got {value!r}")
+def _check_side(name: str, value: Any) -> None:
+    is_integer = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    if not is_integer or not 1 <= value <= LARGEST_SIDE:
+        raise ValueError(
+            f"{name}: expected a positive integer number of pixels up to {LARGEST_SIDE}, got {value!r}"
+        )

@@ -36,6 +36,8 @@ _LUMINANCE_WIDTH = 4.0
 GEOMETRIC_LEVELS = 3
 # The variance of a pixel's few rays says nothing alone; over this radius it does. Pixels.
 _NOISE_RADIUS = 3
+# In place of no noise on black; far below the squares of light that anybody renders.
+_NO_NOISE = 1e-30
 _TAPS = [(dy, dx, (2 - abs(dy)) * (2 - abs(dx)) / 4.0) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dx or dy]
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
 # Small enough that a pass can leave out the bands that have nothing for it.
@@ -245,7 +247,7 @@ class _Pass:
         self.stride, self.uses_luminance = layout.stride, uses_luminance
         if uses_luminance:
             self.brightness = sum(c * plane for c, plane in zip(_LUMINANCE, self.signal[:3], strict=True))
-            self.inverse_noise = 1e-6 * self.brightness + 1e-20
+            self.inverse_noise = 1e-6 * self.brightness + _NO_NOISE
             noise = np.sqrt(local_mean(layout.image(self.variance)))
             noise *= _LUMINANCE_WIDTH
             layout.image(self.inverse_noise)[:] += noise

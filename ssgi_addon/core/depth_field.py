@@ -275,9 +275,11 @@ def _slab_extent(
     elif gbuffer.thickness is None:
         extent = q * (relative / (1.0 + relative))
     else:
+        # 1 / depth - 1 / back, whose difference has no digits left where things are thin
+        is_endless = np.isinf(gbuffer.thickness)
+        thickness = np.where(is_endless, 0.0, gbuffer.thickness)
         depth = np.where(is_background, 1.0, gbuffer.depth)
-        back = depth + gbuffer.thickness
-        extent = q - 1.0 / back
+        extent = q * np.where(is_endless, 1.0, thickness / (depth + thickness))
     return np.where(is_background, 0.0, extent).astype(q.dtype)
 
 

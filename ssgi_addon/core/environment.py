@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from .camera import as_pose
-from .gbuffer import _clean_light, as_float32
+from .gbuffer import LARGEST, _clean_light, as_array, as_float32
 from .types import FloatArray
 
 
@@ -41,11 +41,11 @@ class Environment:
         Raises
         ------
         ValueError
-            If `rgb` is not three finite numbers >= 0.
+            If `rgb` is not three numbers from 0 to 1e15.
         """
         radiance = as_float32("rgb", rgb, (3,))
-        if not ((radiance >= 0.0) & np.isfinite(radiance)).all():
-            raise ValueError(f"rgb: expected three finite numbers >= 0, got {rgb!r}")
+        if not ((radiance >= 0.0) & (radiance <= LARGEST)).all():
+            raise ValueError(f"rgb: expected three finite numbers from 0 to {LARGEST:g}, got {rgb!r}")
         return cls(radiance.reshape(1, 1, 3), np.eye(3))
 
     @classmethod
@@ -66,11 +66,12 @@ class Environment:
         ValueError
             If a shape is wrong.
         """
-        shape = np.shape(image)
+        given = as_array("image", image)
+        shape = given.shape
         if len(shape) != 3 or shape[2] != 3 or 0 in shape:
             raise ValueError(f"image: expected shape (H, W, 3), got {shape}")
         pose = as_pose(world_from_view, ((4, 4), (3, 3)))
-        return cls(_clean_light(as_float32("image", image, shape)), pose[:3, :3].copy())
+        return cls(_clean_light(as_float32("image", given, shape)), pose[:3, :3].copy())
 
     @property
     def is_constant(self) -> bool:

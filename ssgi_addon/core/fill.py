@@ -11,7 +11,7 @@ import numpy as np
 
 from .camera import Camera
 from .carry import carry_over
-from .gbuffer import LARGEST, GBuffer, as_float32
+from .gbuffer import LARGEST, GBuffer, as_array, as_float32
 from .types import FloatArray
 
 
@@ -35,6 +35,11 @@ class Fill:
         How many light paths each pixel is the mean of; a number stands for all pixels.
     is_denoised
         The light was cleaned already: by a denoiser that knows more of noise than our filter.
+
+    Raises
+    ------
+    ValueError
+        If an array has not the camera's size, or does not hold real numbers.
     """
 
     depth: FloatArray
@@ -49,16 +54,17 @@ class Fill:
         if not isinstance(self.camera, Camera):
             raise ValueError(f"camera: expected Camera, got {type(self.camera).__name__}")
         shape = (self.camera.height, self.camera.width)
-        if np.shape(self.depth) != shape:
-            raise ValueError(f"depth: expected the camera's shape {shape}, got {np.shape(self.depth)}")
-        samples = np.asarray(self.samples)
+        given = as_array("depth", self.depth)
+        if given.shape != shape:
+            raise ValueError(f"depth: expected the camera's shape {shape}, got {given.shape}")
+        samples = as_array("samples", self.samples)
         samples = as_float32("samples", np.full(shape, samples) if samples.ndim == 0 else samples, shape)
         light = [as_float32(name, getattr(self, name), (*shape, 3)) for name in ("diffuse", "glossy")]
         is_good = (samples > 0.0) & (samples <= LARGEST)
         for image in light:
             is_good &= ((image >= 0.0) & (image <= LARGEST)).all(axis=-1)
         black = np.zeros((*shape, 3), dtype=np.float32)
-        given = as_float32("depth", self.depth, shape)
+        given = as_float32("depth", given, shape)
         surfaces = GBuffer(
             np.where(is_good, given, np.float32(np.inf)), self.normal, black, black, black[..., 0], black
         )

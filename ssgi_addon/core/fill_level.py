@@ -72,6 +72,7 @@ def set_level(
     frame: tuple[GBuffer, Camera],
     fill: Fill,
     threads: int | None,
+    dimmed: list[float] | None = None,
 ) -> list[FloatArray]:
     """Return answered lights at the level of a fill's; where nothing of the fill is near, they stay.
 
@@ -85,8 +86,15 @@ def set_level(
         Of the same world, from any place.
     threads
         Worker threads.
+    dimmed
+        Receives, for each light, which share of the fill's the limit on single bright pixels took away.
     """
-    moves = [_moves(answered, frame, fill, threads) for answered in lights]
+    moves = []
+    for answered in lights:
+        image, share = _moves(answered, frame, fill, threads)
+        moves.append(image)
+        if dimmed is not None:
+            dimmed.append(share)
     # Weights are the same for all kinds of light
     is_lit = np.zeros(frame[0].depth.size, dtype=np.bool_)
     for answered in lights:
@@ -166,8 +174,10 @@ def handed_on_by_fill(
     return handed_on
 
 
-def _moves(answered: Answered, frame: tuple[GBuffer, Camera], fill: Fill, threads: int | None) -> FloatArray:
-    """Return how light has to move at the fill's pixels (h * w, 7).
+def _moves(
+    answered: Answered, frame: tuple[GBuffer, Camera], fill: Fill, threads: int | None
+) -> tuple[FloatArray, float]:
+    """Return how light has to move at the fill's pixels (h * w, 7), and the share that fireflies lost.
 
     What has to be added, by which share of itself light that is too bright is lowered (a sum would leave
     black spots where the rays' detail is dark), and 1 where that is known.
@@ -180,7 +190,7 @@ def _moves(answered: Answered, frame: tuple[GBuffer, Camera], fill: Fill, thread
         if fill.is_denoised:
             error = _DENOISED_ERROR / samples + _COARSE_ERROR
             _set_moves(image, texel, level, raw, _trust(error, share[:, 0], passes))
-            return image
+            return image, 0.0
         levels = _LEVELS + int(samples.min() < _FEW_SAMPLES)
         passes = np.minimum(passes, levels)
 
@@ -196,7 +206,9 @@ def _moves(answered: Answered, frame: tuple[GBuffer, Camera], fill: Fill, thread
         most = min(levels + _LUMINANCE_LEVELS, _MOST_LEVELS)
         (mean,) = smooth([limited], luminance(limited - mean) ** 2, np.where(passes < levels, passes, most))
         _set_moves(image, texel, level, mean, _trust(1.0 / samples, share[:, 0], passes))
-    return image
+        kept, whole = (float(luminance(part).sum(dtype=np.float64)) for part in (limited, raw))
+        return image, 1.0 - kept / whole if whole else 0.0
+    return image, 0.0
 
 
 def _set_moves(

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -69,10 +70,11 @@ class GBuffer:
     reflectance: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        shape = np.shape(self.depth)
+        given = as_array("depth", self.depth)
+        shape = given.shape
         if len(shape) != 2 or 0 in shape:
             raise ValueError(f"depth: expected shape (H, W) with H, W >= 1, got {shape}")
-        depth = as_float32("depth", self.depth, shape)
+        depth = as_float32("depth", given, shape)
         normal = as_float32("normal", self.normal, (*shape, 3))
         depth, normal = _clean_geometry(depth, normal)
         set_field = object.__setattr__  # the dataclass is frozen
@@ -108,29 +110,39 @@ class GBuffer:
 
     @property
     def diffuse_source(self) -> FloatArray:
-        """(H, W, 3) radiance handed on to diffuse rays: `source`, or `direct` where there is none."""
+        """(H, W, 3) radiance handed on to diffuse rays, that is `source`, or `direct` where there is none."""
         return self.direct if self.source is None else self.source
 
     @property
     def bounce_albedo(self) -> FloatArray:
-        """(H, W, 3) share of the light of earlier bounces that is handed on: `reflectance`, or `albedo`."""
+        """(H, W, 3) share of earlier bounces' light that is handed on, that is `reflectance`, or `albedo`."""
         return self.albedo if self.reflectance is None else self.reflectance
 
     @property
     def reflection_source(self) -> FloatArray:
-        """(H, W, 3) radiance handed on to reflection rays: `glossy_source`, or `diffuse_source`."""
+        """(H, W, 3) radiance handed on to reflection rays, that is `glossy_source`, or `diffuse_source`."""
         return self.diffuse_source if self.glossy_source is None else self.glossy_source
 
 
 def as_float32(name: str, value: object, shape: tuple[int, ...]) -> FloatArray:
     """Return a C-contiguous float32 array, or raise ValueError naming what is not one of that shape."""
-    array = np.asarray(value)
+    array = as_array(name, value)
     if array.dtype.kind not in "fiu":
         raise ValueError(f"{name}: expected real numbers, got dtype {array.dtype}")
     if array.shape != shape:
         raise ValueError(f"{name}: expected shape {shape}, got {array.shape}")
     with np.errstate(over="ignore"):  # float64 beyond float32's range becomes inf, which is cleaned
         return np.ascontiguousarray(array, dtype=np.float32)
+
+
+def as_array(name: str, value: object) -> np.ndarray[Any, Any]:
+    """Return an array, or raise ValueError naming what is none."""
+    try:
+        return np.asarray(value)
+    except (ValueError, TypeError, OverflowError) as error:
+        raise ValueError(
+            f"{name}: expected an array of numbers, got {type(value).__name__}: {error}"
+        ) from error
 
 
 def _is_good(array: FloatArray) -> BoolArray:

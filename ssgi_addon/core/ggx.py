@@ -35,11 +35,12 @@ def sample_visible_normal(view: FloatArray, alpha: FloatArray, u: FloatArray, v:
     inverse = 1.0 / np.sqrt(wx * wx + wy * wy + wz * wz)
     wx, wy, wz = wx * inverse, wy * inverse, wz * inverse
     angle = 2.0 * np.pi * u
-    cz = (1.0 - v) * (1.0 + wz) - wz
-    sine = np.sqrt(np.clip(1.0 - cz * cz, 0.0, 1.0))
+    # With cz = hz - wz: 1 - cz² by sums of what is positive, since a difference has no digits left at the
+    # lobe's middle and at its end
+    hz = (1.0 - v) * (1.0 + wz)
+    sine = np.sqrt(v * (hz * (1.0 + wz) + (wx * wx + wy * wy)))
     hx = (sine * np.cos(angle) + wx) * alpha
     hy = (sine * np.sin(angle) + wy) * alpha
-    hz = cz + wz
     inverse = 1.0 / np.sqrt(np.maximum(hx * hx + hy * hy + hz * hz, 1e-30))
     return np.stack([hx * inverse, hy * inverse, hz * inverse])
 

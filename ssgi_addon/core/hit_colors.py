@@ -72,7 +72,7 @@ class HitColors:
                 radiance[mine] = layer.between(pixel, x, y)
             if self.has_levels and spread is not None:
                 diameter = distance.take(mine) * spread.take(mine)
-                level = layer.level_of(pixel, x, y, diameter)
+                level = layer.level_of(pixel, diameter)
                 wide = np.flatnonzero(level > 0)
                 radiance[mine.take(wide)] = layer.mean_around(
                     pixel.take(wide), x.take(wide), y.take(wide), level.take(wide)
@@ -124,12 +124,12 @@ class _Layer:
         means = np.concatenate([level.reshape(-1, 8) for level in levels]) if levels else np.zeros((0, 8))
         return cls(field, offset, end, pixels, means.astype(source.dtype), base, sizes[:, 1].copy())
 
-    def level_of(self, pixel: IntArray, x_px: FloatArray, y_px: FloatArray, diameter: FloatArray) -> IntArray:
+    def level_of(self, pixel: IntArray, diameter: FloatArray) -> IntArray:
         """Return the level whose cells are as wide as a cone where it hits, no wider than one surface.
 
         Parameters
         ----------
-        pixel, x_px, y_px : (N,)
+        pixel : (N,)
             What the cones' axes hit.
         diameter : (N,)
             Of the cones there, scene units.
@@ -143,8 +143,7 @@ class _Layer:
         level = np.zeros_like(wanted)
         for coarse in range(self.base.shape[0], 0, -1):
             there = np.flatnonzero((wanted >= coarse) & (level == 0))
-            column, row = self._cell(x_px.take(there), y_px.take(there), coarse)
-            is_one = self.means[:, 3].take(self._number(column, row, coarse)) > 0.0
+            is_one = self.means[:, 3].take(self._number_of(pixel.take(there), coarse)) > 0.0
             level[there[is_one]] = coarse
         return level
 
@@ -162,7 +161,7 @@ class _Layer:
         size = (1 << level).astype(x_px.dtype)
         x, y = x_px / size - 0.5, y_px / size - 0.5
         left, top = np.floor(x), np.floor(y)
-        own = self._number(*self._cell(x_px, y_px, level), level)
+        own = self._number_of(pixel, level)
         front, gx, gy, _ = self.field.planes.take(pixel, axis=0).T
         normal = self.field.normal.take(pixel, axis=0)
         units = self.field.camera.width / self.field.camera.fx if self.field.camera.is_orthographic else front
@@ -190,6 +189,14 @@ class _Layer:
         column = np.clip(x_px.astype(np.int64), 0, camera.width - 1) >> level
         row = np.clip(y_px.astype(np.int64), 0, camera.height - 1) >> level
         return column, row
+
+    def _number_of(self, pixel: IntArray, level: IntArray | int) -> IntArray:
+        """Return where the cells of pixels stand in `means`.
+
+        By the pixel, not by the place: rays that come into a slab at its side meet it on a border exactly.
+        """
+        width = self.field.camera.width
+        return self._number(pixel % width >> level, pixel // width >> level, level)
 
     def _number(self, column: IntArray, row: IntArray, level: IntArray | int) -> IntArray:
         """Return where cells stand in `means`."""

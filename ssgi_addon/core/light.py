@@ -32,9 +32,9 @@ class IndirectLight:
     skipped
         What was not computed and why, as (what, why).
     seconds
-        Wall time of each step.
+        Wall time of each step, by its name.
     rays
-        Rays traced by each pass.
+        Number of rays that each pass traced, by its name.
     """
 
     diffuse: FloatArray
@@ -69,8 +69,11 @@ def composite(gbuffer: GBuffer, light: IndirectLight) -> FloatArray:
     Raises
     ------
     ValueError
-        If the two differ in size.
+        If the two differ in size, or are something else.
     """
+    for name, value, kind in (("gbuffer", gbuffer, GBuffer), ("light", light, IndirectLight)):
+        if not isinstance(value, kind):
+            raise ValueError(f"{name}: expected {kind.__name__}, got {type(value).__name__}")
     if light.diffuse.shape != gbuffer.direct.shape:
         raise ValueError(
             f"light: expected the G-buffer's shape {gbuffer.direct.shape}, got {light.diffuse.shape}"

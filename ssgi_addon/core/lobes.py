@@ -80,8 +80,10 @@ class Lobes:
         tangent, bitangent = tangent_frame(self.axis)
         along = [_dot(self.view, axis) for axis in (tangent, bitangent, self.axis)]
         cosine_view = np.maximum(along[2], _LEAST_VIEW_COSINE)
+        # A unit vector once more where the view was lifted; 1 - cos² holds nothing of a small angle
         scale = np.sqrt(np.maximum(1.0 - cosine_view * cosine_view, 0.0))
         scale /= np.sqrt(np.maximum(along[0] ** 2 + along[1] ** 2, 1e-20))
+        scale = np.where(along[2] < _LEAST_VIEW_COSINE, scale, 1.0).astype(scale.dtype)
         local_view = np.stack([along[0] * scale, along[1] * scale, cosine_view])
         hx, hy, hz = ggx.sample_visible_normal(local_view, self.alpha, u, v)
         if is_mirror:

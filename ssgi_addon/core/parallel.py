@@ -8,6 +8,8 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from typing import TypeVar
 
+import numpy as np
+
 from .types import IntArray
 
 # Rays that are traced at a time: enough that the last ones, which cost calls, are few; some 75 bytes each.
@@ -32,6 +34,14 @@ def split(items: IntArray, per_chunk: int) -> list[IntArray]:
     return [items[begin : begin + per_chunk] for begin in range(0, items.shape[0], per_chunk)]
 
 
+def saturating() -> np.errstate:
+    """Let numbers beyond the range of their type become the nearest thing to them, without a word.
+
+    Whatever the caller has numpy do about that. What ends in no number at all is an error of ours, and told.
+    """
+    return np.errstate(over="ignore", under="ignore")
+
+
 def run_chunks(
     work: Callable[[Chunk], None],
     chunks: Sequence[Chunk],
@@ -51,8 +61,14 @@ def run_chunks(
             if advance is not None:
                 advance(count / len(chunks))
         return
+
+    def work_alike(chunk: Chunk) -> None:
+        # Threads begin with numpy's own way to take errors
+        with saturating():
+            work(chunk)
+
     with ThreadPoolExecutor(workers, thread_name_prefix="ssgi") as pool:
-        pending = {pool.submit(work, chunk) for chunk in chunks}
+        pending = {pool.submit(work_alike, chunk) for chunk in chunks}
         try:
             while pending:
                 done, pending = wait(pending, timeout=0.1, return_when=FIRST_EXCEPTION)

@@ -14,6 +14,9 @@ from .types import BoolArray, FloatArray
 
 Bytes = NDArray[np.uint8]
 
+# Planes that differ by less than this share of q, and of how far they rise, are one: some hundred roundings.
+_ROUNDING = 1e-5
+
 
 @dataclass(frozen=True)
 class Read:
@@ -55,15 +58,15 @@ class Scratch:
     """
 
     def __init__(self, size: int, dtype: np.dtype) -> None:
-        self._floats, self._words = np.empty(24 * size, dtype), np.empty(4 * size, np.uint32)
+        self._floats, self._words = np.empty(26 * size, dtype), np.empty(4 * size, np.uint32)
         self.resize(size)
 
     def resize(self, size: int) -> None:
         """Let all arrays hold `size` pixels."""
-        floats = self._floats[: 24 * size].reshape(24, size)
+        floats = self._floats[: 26 * size].reshape(26, size)
         self.planes, self.ends, self.bounds = floats[:5], floats[5:9], floats[9:13]
         self.borders, self.spare = floats[13:15], floats[15:16]
-        self.lines = (floats[16:20], floats[20:24])
+        self.lines, self.tells = (floats[16:20], floats[20:24]), floats[24:26]
         self.words = self._words[: 4 * size].reshape(4, size)
 
 
@@ -214,12 +217,14 @@ class Cover:
         rise: FloatArray = self.scratch.spare[0]
         np.subtract(last.slope, patches.slope, out=rise)
         np.subtract(patches.here, last.here, out=border)
+        is_told = self._is_told(rise, last, patches)
         with np.errstate(divide="ignore", invalid="ignore"):
             np.divide(border, rise, out=border)
         crossing = rise
         np.fmax(border, last.read.middle, out=crossing)
         np.fmin(crossing, patches.read.middle, out=crossing)
         is_between = crossing == border
+        is_between &= is_told
         if patches.is_absent is not None:
             is_between &= ~patches.is_absent
         np.subtract(crossing, patches.read.begin, out=border)
@@ -229,6 +234,22 @@ class Cover:
             # The last one within the frame stands for all up to its edge
             np.copyto(border, self.limit, where=patches.outside)
         return border
+
+    def _is_told(self, rise: FloatArray, last: Patches, patches: Patches) -> BoolArray:
+        """Return where the planes of two reads, whose slopes differ by `rise`, are more than rounding apart.
+
+        Where one surface goes on, their crossing is a quotient of two roundings.
+        """
+        span, scale = self.scratch.tells
+        np.multiply(patches.slope, _ROUNDING * patches.read.middle, out=scale)
+        np.abs(scale, out=scale)
+        np.multiply(self.scratch.planes[0], _ROUNDING, out=span)
+        np.abs(span, out=span)
+        np.add(scale, span, out=scale)
+        np.multiply(rise, patches.read.middle - last.read.middle, out=span)
+        np.abs(span, out=span)
+        is_told: BoolArray = span > scale
+        return is_told
 
     def _passed(self, patches: Patches, begin: FloatArray | float, end: FloatArray | float) -> FloatArray:
         """Return the sectors (points, N), from the view direction, where the points of the patches lie."""

@@ -18,7 +18,7 @@ from .denoise import filter_light
 from .environment import Environment
 from .fill import Fill
 from .fill_level import Answered, handed_on_by_fill, light_of_fill, set_level
-from .gbuffer import GBuffer
+from .gbuffer import LARGEST, GBuffer
 from .light import IndirectLight, fill_unknown, luminance
 from .planner import Plan, plan_passes
 from .scene import TraceScene, View
@@ -26,6 +26,8 @@ from .settings import Settings
 from .silhouettes import find_surface_edges, settle_silhouettes
 from .types import FloatArray, IntArray
 
+# Shares of light that are left out are told from here on.
+_TOLD = 5e-5
 # How diffuse rays are taken where a fill brings the light.
 _FOR_VISIBILITY: dict[str, Any] = {"resolution": "quarter", "rays": 4, "bounces": 1, "adaptive": 0.0}
 # Width of the part of a lobe that holds most of its light, per unit of distance and of alpha.
@@ -73,13 +75,14 @@ def render_indirect(
         If an argument is of the wrong type, or G-buffer and camera differ in size.
     """
     _check_types(gbuffer, camera, settings, environment, views, fill)
-    run = _Run(gbuffer, camera, settings, environment, progress, fill)
-    if run.plan.is_filled:
-        run.take_fill(views)
-    else:
-        run.take_rays(views)
-    run.report(1.0, "Done")
-    return run.result()
+    with parallel.saturating():
+        run = _Run(gbuffer, camera, settings, environment, progress, fill)
+        if run.plan.is_filled:
+            run.take_fill(views)
+        else:
+            run.take_rays(views)
+        run.report(1.0, "Done")
+        return run.result()
 
 
 def _check_types(
@@ -121,11 +124,13 @@ class _Run:
         fill: Fill | None,
     ) -> None:
         self.gbuffer, self.camera, self.settings, self.environment = gbuffer, camera, settings, environment
-        self.progress, self.fill = progress, fill
+        self.progress, self.fill, self.dtype = progress, fill, gbuffer.depth.dtype
         # Images of the result by name, each made once there is light for it
         self.images: dict[str, FloatArray] = {}
         is_clean = fill is not None and fill.is_denoised
         self.plan = plan_passes(gbuffer, settings, environment, has_clean_fill=is_clean)
+        # Light that was left out of the fill, as (what, why)
+        self.dimmed: list[tuple[str, str]] = []
         # What the pixels of all views hand on to mirrors beside their source
         self.handed_on: FloatArray | None = None
         # What rays over the hemisphere look up where they escape
@@ -227,6 +232,7 @@ class _Run:
         source = self.scene.table("reflection_source")
         if self.handed_on is not None:
             source += self.handed_on
+            np.minimum(source, LARGEST, out=source)
             self.handed_on = None
         found = reflections.reflect_light(
             self.scene, source, self.environment, settings, pixels,
@@ -264,28 +270,35 @@ class _Run:
         for (name, pixels), light in zip(kinds.items(), lights, strict=True):
             slots = slice(None) if pixels.size == needed.size else np.searchsorted(needed, pixels)
             self._keep(name, pixels, light[slots])
-            self._keep(f"known_{name}", pixels, np.zeros(pixels.size, np.float32), elsewhere=1.0)
+            self._keep(f"known_{name}", pixels, np.zeros(pixels.size, self.dtype), elsewhere=1.0)
 
     def _level(self, fill: Fill) -> None:
         """Bring diffuse and glossy light to the level of a fill."""
         self.report(0.95, "Fill")
         frame = self.gbuffer, self.camera
-        for name, pixel, light in level_by_fill(self.images, self.plan, frame, fill, self.settings.threads):
+        dimmed: dict[str, float] = {}
+        levelled = level_by_fill(self.images, self.plan, frame, fill, self.settings.threads, dimmed)
+        for name, pixel, light in levelled:
             self._keep(name, pixel, light)
+        self.dimmed = [
+            (f"{share:.2%} of the fill's {name} light", "of single pixels that outshine all around them")
+            for name, share in dimmed.items()
+            if share >= _TOLD
+        ]
 
     def _keep(self, name: str, pixels: IntArray, values: FloatArray, elsewhere: float = 0.0) -> None:
         """Write values (P, ...) of some pixels into an image of the result."""
         height, width = self.gbuffer.shape
         shape = (height, width, *values.shape[1:])
         if name not in self.images:
-            self.images[name] = np.full(shape, elsewhere, dtype=np.float32)
+            self.images[name] = np.full(shape, elsewhere, dtype=self.dtype)
         self.images[name].reshape(height * width, *shape[2:])[pixels] = values
 
     def _image(self, name: str) -> FloatArray:
         """Return an image of the result; black, open and known where there is no light to tell of."""
         if name not in self.images:
             is_light = name in ("diffuse", "environment_diffuse", "glossy")
-            nothing = np.zeros((0, 3) if is_light else 0, dtype=np.float32)
+            nothing = np.zeros((0, 3) if is_light else 0, dtype=self.dtype)
             self._keep(name, np.empty(0, np.int64), nothing, elsewhere=0.0 if is_light else 1.0)
         return self.images[name]
 
@@ -317,8 +330,8 @@ class _Run:
         names = ("diffuse", "glossy", "visibility", "known_diffuse", "known_glossy", "environment_diffuse")
         return IndirectLight(
             **{name: self._image(name) for name in names},
-            known=np.minimum(known, 1.0).astype(np.float32),
-            skipped=self.plan.skipped,
+            known=np.minimum(known, 1.0).astype(self.dtype),
+            skipped=(*self.plan.skipped, *self.dimmed),
             seconds=dict(self.seconds),
             rays=dict(self.rays),
         )
@@ -330,6 +343,7 @@ def level_by_fill(
     frame: tuple[GBuffer, Camera],
     fill: Fill,
     threads: int | None,
+    dimmed: dict[str, float] | None = None,
 ) -> list[tuple[str, IntArray, FloatArray]]:
     """Return pixels (P,) and light (P, 3) at the level of a fill, by the names of the images.
 
@@ -341,6 +355,8 @@ def level_by_fill(
         That they were made by and for.
     fill, threads
         As in `set_level`.
+    dimmed
+        Receives the shares that `set_level` tells, by name.
     """
     kinds = {"diffuse": plan.diffuse, "glossy": plan.glossy}
     kinds = {name: pixel for name, pixel in kinds.items() if pixel.size}
@@ -356,7 +372,10 @@ def level_by_fill(
         )
         for name, pixel in kinds.items()
     ]
-    levelled = set_level(lights, frame, fill, threads)
+    shares: list[float] = []
+    levelled = set_level(lights, frame, fill, threads, shares)
+    if dimmed is not None:
+        dimmed.update(zip(kinds, shares, strict=True))
     return [(name, pixel, light) for (name, pixel), light in zip(kinds.items(), levelled, strict=True)]
 
 

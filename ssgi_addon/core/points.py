@@ -55,7 +55,7 @@ def test_points(
     rays, dtype = origin.shape[1], origin.dtype
     reach = settings.diffuse.radius * (camera.width / camera.fx if camera.is_orthographic else -origin[2])
     along, _ = sample_square(pixel, camera.width, rays, settings.seed + _SEED_OFFSET, dtype)
-    distance = np.minimum(along * reach, settings.max_distance).ravel()
+    distance = np.minimum(along * reach, settings.reach).ravel()
     direction = direction.reshape(3, -1)
     point = origin.reshape(3, -1) + direction * distance
     depth = -point[2]

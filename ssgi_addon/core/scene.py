@@ -52,7 +52,7 @@ class TraceScene:
         rays, march = settings.reflections, None
         if method == "linear" and rays.march_step > 0.0:
             march = tracer.MarchOptions(rays.march_step, rays.bisections)
-        self.limits = TraceLimits(settings.max_distance, settings.max_steps, march)
+        self.limits = TraceLimits(settings.reach, settings.max_steps, march)
         self.views: list[PlacedView] = []
         self.texels = 0
         for front, view_camera in [(gbuffer, camera), *views]:

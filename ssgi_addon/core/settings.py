@@ -7,9 +7,13 @@ The Blender properties, the command-line options and the documentation are made 
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
+
+# As far as depth goes: squares of distances must stay numbers in single precision.
+_FARTHEST = 1e15
 
 
 def option(
@@ -51,7 +55,7 @@ def _validate(settings: Any) -> None:
         name, rule = f"{type(settings).__name__}.{item.name}", item.metadata
         value = getattr(settings, item.name)
         if rule["choices"] is not None:
-            if value not in rule["choices"]:
+            if not (isinstance(value, str) and value in rule["choices"]):
                 raise ValueError(f"{name}: expected one of {', '.join(rule['choices'])}, got {value!r}")
         elif isinstance(item.default, bool):
             if not isinstance(value, bool):
@@ -65,8 +69,7 @@ def _validate(settings: Any) -> None:
 
 
 def _validate_number(name: str, value: Any, rule: Any, *, is_integer: bool) -> None:
-    kind = int if is_integer else (int, float)
-    if isinstance(value, bool) or not isinstance(value, kind) or math.isnan(value):
+    if not (_is_integer(value) if is_integer else _is_real(value)):
         raise ValueError(f"{name}: expected {'an integer' if is_integer else 'a number'}, got {value!r}")
     if rule["min"] is not None and value < rule["min"]:
         raise ValueError(f"{name}: expected at least {rule['min']}, got {value!r}")
@@ -74,9 +77,26 @@ def _validate_number(name: str, value: Any, rule: Any, *, is_integer: bool) -> N
         raise ValueError(f"{name}: expected at most {rule['max']}, got {value!r}")
 
 
+def _is_integer(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _is_real(value: Any) -> bool:
+    """Return whether a value is a number that a float can hold."""
+    if _is_integer(value):
+        return bool(abs(value) <= sys.float_info.max)
+    return isinstance(value, float) and not math.isnan(value)
+
+
 @dataclass(frozen=True)
 class ReflectionSettings:
-    """Screen-space reflections: the glossy indirect light."""
+    """Screen-space reflections: the glossy indirect light.
+
+    Raises
+    ------
+    ValueError
+        If a value is out of its range; the text names the field.
+    """
 
     enabled: bool = option(True, "Trace reflection rays", label="Reflections")
     method: str = option(
@@ -197,7 +217,13 @@ class ReflectionSettings:
 
 @dataclass(frozen=True)
 class DiffuseSettings:
-    """Screen-space directional occlusion: the diffuse indirect light and the visibility."""
+    """Screen-space directional occlusion: the diffuse indirect light and the visibility.
+
+    Raises
+    ------
+    ValueError
+        If a value is out of its range; the text names the field.
+    """
 
     enabled: bool = option(True, "Trace diffuse rays", label="Diffuse")
     method: str = option(
@@ -308,7 +334,13 @@ class DiffuseSettings:
 
 @dataclass(frozen=True)
 class Settings:
-    """All settings of `render_indirect`; frozen, so `dataclasses.replace` makes variants."""
+    """All settings of `render_indirect`; frozen, so `dataclasses.replace` makes variants.
+
+    Raises
+    ------
+    ValueError
+        If a value is out of its range, or a group of the wrong type; the text names the field.
+    """
 
     reflections: ReflectionSettings = field(default_factory=ReflectionSettings)
     diffuse: DiffuseSettings = field(default_factory=DiffuseSettings)
@@ -384,6 +416,11 @@ class Settings:
             if not isinstance(getattr(self, name), kind):
                 raise ValueError(f"Settings.{name}: expected {kind.__name__}, got {getattr(self, name)!r}")
         _validate(self)
+
+    @property
+    def reach(self) -> float:
+        """`max_distance`, endless where that is more than single precision can count with."""
+        return float(self.max_distance) if self.max_distance <= _FARTHEST else math.inf
 
     @classmethod
     def preset(cls, name: str) -> Settings:

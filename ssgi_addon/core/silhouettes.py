@@ -21,7 +21,10 @@ _OFF_PLANE, _SAME_NORMAL = 1.0, 0.9
 _MIXED = 0.3
 # So many of the eight neighbours may be brighter, and as many darker: on a line of dots each has two.
 _OUTLIERS = 2
-_LEAST_LIGHT = 1e-6
+# Less colour than this is none.
+_LEAST_COLOR = 1e-6
+# What is so many times darker than its neighbours has no light of its own to be scaled.
+_LEAST_SHARE = 1e-6
 
 
 def find_surface_edges(gbuffer: GBuffer, camera: Camera) -> BoolArray:
@@ -75,7 +78,8 @@ def settle_silhouettes(light: FloatArray, color: FloatArray, is_silhouette: Bool
     seen = np.sort(around.read(luminance(settled * color)[..., None])[..., 0], axis=0)
     own = luminance(flat.take(pixel, axis=0) * color.reshape(-1, 3).take(pixel, axis=0))
     target = np.clip(own, seen[_OUTLIERS], seen[7 - _OUTLIERS])
-    scale = np.where(own > _LEAST_LIGHT, target / np.maximum(own, _LEAST_LIGHT), 1.0)
+    is_lit = own > _LEAST_SHARE * target
+    scale = np.where(is_lit, target / np.where(is_lit, own, 1.0), 1.0)
     flat[pixel] *= scale.astype(light.dtype)[:, None]
     return settled
 
@@ -89,7 +93,7 @@ def _mean_by_color(
     own_weight = weight.reshape(-1, 3).take(pixel, axis=0)
     total = own_weight + around.read(weight).sum(axis=0)
     mean = own_weight * own + around.read(weight * light).sum(axis=0)
-    settled: FloatArray = np.where(total > _LEAST_LIGHT, mean / np.maximum(total, _LEAST_LIGHT), own)
+    settled: FloatArray = np.where(total > _LEAST_COLOR, mean / np.maximum(total, _LEAST_COLOR), own)
     return settled
 
 

@@ -117,7 +117,7 @@ class SliceGather:
         options = settings.diffuse
         self.gbuffer, self.camera, self.q_end, self.shape = gbuffer, camera, field.q_end, gbuffer.shape
         self.cover, self.slices, self.steps = COVERS[options.method], options.slices, options.steps
-        self.max_distance, self.seed, self.threads = settings.max_distance, settings.seed, settings.threads
+        self.max_distance, self.seed, self.threads = settings.reach, settings.seed, settings.threads
         slices, steps = self.slices, self.steps
         height, width = self.shape
         planes = field.planes.reshape(height, width, 4)

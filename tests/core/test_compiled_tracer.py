@@ -6,7 +6,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given
-from hypothesis import settings as examples
 from hypothesis import strategies as st
 
 pytest.importorskip("numba", reason="the compiled tracer needs numba: pip install '.[bench]'")
@@ -16,6 +15,7 @@ from benchmarks.inputs import analytic_room, glossy_rays
 from benchmarks.tracer_speed import counted_steps
 from ssgi_addon.core import Camera, tracer
 from ssgi_addon.core.depth_field import DepthField
+from tests.budget import examples
 from tests.core.synthetic import uniform_gbuffer
 from tests.core.test_tracer import as_float64, frames, some_rays, unit
 from tests.reference.scalar_tracer import trace_ray

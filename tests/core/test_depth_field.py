@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given
-from hypothesis import settings as examples
 from hypothesis import strategies as st
 
 from ssgi_addon.core import Camera, GBuffer
 from ssgi_addon.core.depth_field import MAX_LEVEL, DepthField
+from tests.budget import examples
 from tests.core.synthetic import Plane, Sphere, capture, random_gbuffer, uniform_gbuffer
 from tests.tolerances import FLOAT32_DISTANCE
 

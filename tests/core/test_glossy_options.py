@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given
-from hypothesis import settings as examples
 from hypothesis import strategies as st
 
 from ssgi_addon.core import Camera, Environment, GBuffer, IndirectLight, parallel, render_indirect
+from tests.budget import examples
 from tests.core.synthetic import Plane, Sphere, capture, make_settings, random_gbuffer
 from tests.tolerances import BORROWED_LIGHT, FEWER_RAYS_LIGHT, FURNACE, REPEATED_SUM
 
@@ -172,8 +172,8 @@ def test_lobes_stretch_toward_the_viewer_at_grazing_angles():
     assert stretch(True) > 1.3 * stretch(False)
 
 
-@examples(max_examples=25, deadline=None)
 @given(st.data())
+@examples(max_examples=25)
 def test_noise_gives_finite_light_under_every_switch(data):
     rng = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
     width, height = data.draw(st.integers(1, 23)), data.draw(st.integers(1, 19))

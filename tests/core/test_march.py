@@ -8,7 +8,6 @@ import math
 import numpy as np
 import pytest
 from hypothesis import given
-from hypothesis import settings as examples
 from hypothesis import strategies as st
 
 from ssgi_addon.core import Camera, ReflectionSettings, Settings, march, tracer, walk
@@ -16,6 +15,7 @@ from ssgi_addon.core.depth_field import DepthField
 from ssgi_addon.core.field_stack import FieldStack
 from ssgi_addon.core.scene import TraceScene
 from ssgi_addon.core.tracer import MarchOptions
+from tests.budget import examples
 from tests.core.synthetic import Plane, Sphere, capture, look_at, uniform_gbuffer
 from tests.core.test_tracer import as_float64, centres, frames, lenses, some_rays, unit
 from tests.reference.scalar_tracer import comes_over_edge

@@ -7,7 +7,7 @@ import re
 
 import pytest
 
-from docs.site.settings_facts import facts, settings_of, with_facts
+from docs.site.settings_facts import facts, number, settings_of, with_facts
 from tests.core.settings_pages import DOCS, section_of, text_of
 
 PAGES = {
@@ -42,7 +42,7 @@ def test_facts_say_default_range_and_help(group, item):
     assert rule["label"] in text
     for bound in ("min", "max", "soft_max"):
         if rule[bound] is not None:
-            assert f"{rule[bound]:g}" in text
+            assert number(rule[bound]) in text
     for choice in rule["choices"] or ():
         assert f"- `{choice}`: " in text
     table = [line for line in text.splitlines() if line.startswith("|")]
@@ -72,3 +72,8 @@ def test_flags_are_those_of_the_setting():
     assert "command line" not in told["Settings.visibility"]
     assert "`--rays N`" in told["DiffuseSettings.rays"]
     assert "command line" not in told["ReflectionSettings.method"]
+
+
+@pytest.mark.parametrize(("value", "text"), [(1e-4, "0.0001"), (4096, "4096"), (1 << 24, "16,777,216")])
+def test_numbers_are_readable(value, text):
+    assert number(value) == text

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -17,6 +18,13 @@ from tests.core.pages import ROOT
 for _needed in ("sphinx", "myst_parser", "furo"):
     pytest.importorskip(_needed, reason="the site needs pip install -e '.[docs]'")
 
+NARROW = 500  # pixels, the least that the browser takes
+# Writes the page's width, and how many of its pictures are broken, where the test finds them.
+MEASURE = """<script>addEventListener("load", () => {
+  const root = document.documentElement
+  root.setAttribute("data-width", root.scrollWidth)
+  root.setAttribute("data-missing", [...document.images].filter(image => !image.naturalWidth).length)
+})</script>"""
 # Whatever a page may show: pictures, tables, code, an interface description.
 SHOWN = ("index.html", "diffuse.html", "api.html", "choosing.html")
 
@@ -79,6 +87,16 @@ def test_what_is_filled_in_is_there(site):
     records = len(list((ROOT / "docs" / "adr").glob("0*.md")))
     index = _Page((site / "adr" / "index.html").read_text(encoding="utf-8"))
     assert len({Path(target).name for target in index.targets if target.startswith("00")}) == records
+
+
+@pytest.mark.parametrize("name", SHOWN)
+def test_narrow_page_is_no_wider_than_its_window_and_shows_every_picture(site, name, tmp_path):
+    copy = site / f"narrow-{name}"
+    copy.write_text((site / name).read_text(encoding="utf-8").replace("</body>", f"{MEASURE}</body>"))
+    shown = open_page(copy, tmp_path / "profile", width=NARROW)
+    width, missing = re.search(r'data-width="(\d+)" data-missing="(\d+)"', shown).groups()
+    assert int(width) <= NARROW
+    assert missing == "0"
 
 
 @pytest.mark.parametrize("name", SHOWN)

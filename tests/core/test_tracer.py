@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given
-from hypothesis import settings as examples
 from hypothesis import strategies as st
 
 from ssgi_addon.core import Camera, GBuffer, tracer, walk
 from ssgi_addon.core.depth_field import DepthField
+from tests.budget import examples
 from tests.core.synthetic import Plane, Sphere, capture, uniform_gbuffer
 from tests.reference.scalar_tracer import trace_ray
 from tests.tolerances import (

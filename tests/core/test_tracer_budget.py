@@ -9,13 +9,13 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 from hypothesis import given
-from hypothesis import settings as examples
 from hypothesis import strategies as st
 
 from ssgi_addon.core import Camera, ray_queue, tracer, walk
 from ssgi_addon.core.depth_field import DepthField
 from ssgi_addon.core.field_stack import FieldStack
 from ssgi_addon.core.types import FloatArray
+from tests.budget import examples
 from tests.core.synthetic import uniform_gbuffer
 from tests.core.test_tracer import as_float64, assert_walks_agree, frames, some_rays, unit
 from tests.reference.scalar_tracer import trace_ray

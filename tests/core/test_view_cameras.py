@@ -9,12 +9,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given
-from hypothesis import settings as examples
 from hypothesis import strategies as st
 
 from ssgi_addon.core import Camera
 from ssgi_addon.core.stations import CUBE_FACES
 from ssgi_addon.view_cameras import overscan_camera, surround_cameras
+from tests.budget import examples
 from tests.core.synthetic import look_at
 from tests.tolerances import PROJECTION_RELATIVE, SIZE_IN_WHOLE_PIXELS
 

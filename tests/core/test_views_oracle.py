@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from hypothesis import given
-from hypothesis import settings as examples
 from hypothesis import strategies as st
 
 from ssgi_addon.core import Camera, GBuffer, Settings, tracer
@@ -17,6 +16,7 @@ from ssgi_addon.core.answers import MergedAnswers, Sight
 from ssgi_addon.core.depth_field import DepthField
 from ssgi_addon.core.frame_points import surface_points
 from ssgi_addon.core.scene import TraceScene
+from tests.budget import examples
 from tests.core.synthetic import Plane, Sphere, capture, look_at, uniform_gbuffer
 from tests.core.test_tracer import as_float64, unit
 from tests.reference.scalar_views import answer_ray
