@@ -19,7 +19,7 @@ endif
 # How many times their examples property tests try
 TIMES ?= 20
 
-.PHONY: help env demo test stress lint bench bench-tracer pictures package wheel clean
+.PHONY: help env demo test stress lint bench bench-tracer pictures docs package wheel clean
 
 help:
 	@echo "make env      environment with Blender as a Python module, in $(VENV)"
@@ -30,6 +30,7 @@ help:
 	@echo "make bench    error against time, ours and Blender's own ways, in bench/index.html (ARGS=--quick: minutes)"
 	@echo "make bench-tracer  speed and memory of the tracer, in benchmarks/results (minutes; keep the machine quiet)"
 	@echo "make pictures the pictures of docs/reflections.md (minutes; ARGS='rays reuse' for some)"
+	@echo "make docs     the site, in docs/_build/html (ARGS=--committed: draws no pictures, --all: Blender's too)"
 	@echo "make package  the extension, in dist/ (ARGS=--help: other archives)"
 	@echo "make wheel    the Python package, in dist/"
 	@echo "make clean    remove the environment and everything that was built"
@@ -75,6 +76,12 @@ bench-tracer: $(READY)
 
 pictures: $(READY)
 	@$(RUN) -m docs.pictures.reflections $(ARGS)
+
+docs: $(READY)
+	@$(RUN) -m pip install -qq --editable '.[docs]'
+	@$(RUN) -m docs.pictures $(ARGS)
+	@$(RUN) -m sphinx -q -W --keep-going docs docs/_build/html
+	@echo "docs/_build/html/index.html"
 
 # The extension with the wheels of all systems (ARGS=--no-wheels, ARGS=--split-platforms)
 package: $(READY)

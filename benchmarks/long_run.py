@@ -62,7 +62,7 @@ def run_frames(count: int) -> list[float]:
     scene, resident = _moving_room(count), []
 
     def look(_fraction: float, text: str) -> None:
-        if text == "Done":
+        if text == "Writing":
             resident.append(_resident_mb())
 
     with tempfile.TemporaryDirectory() as folder:

@@ -43,7 +43,7 @@ def main() -> None:
     arguments = parse_arguments()
     # Sums that hold the old light are left out: what they were made of is what changes.
     passes = {name: values for name, values in read_layers(arguments.render).items() if name not in BOUNCES}
-    # More rays than a preset has, since no fill from Blender helps here
+    # Many rays, since no fill from Blender helps here
     settings = Settings.preset("final")
     settings = replace(settings, diffuse=replace(settings.diffuse, rays=arguments.rays))
     before = light_up(arguments.render, passes, settings)

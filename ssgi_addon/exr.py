@@ -12,11 +12,12 @@ would get in each other's way.
 
 from __future__ import annotations
 
+import ctypes
+import io
 import os
-import sys
 import threading
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -102,6 +103,11 @@ def read_layers(path: Path | str) -> Pixels:
     file the keys are ``<view layer>.<pass>``, with one the pass names alone. Nameless channels R, G, B
     are the pass ``Combined``, a nameless Z is ``Depth``; a fourth channel beside R, G, B is left out.
 
+    Parameters
+    ----------
+    path
+        The file.
+
     Returns
     -------
     dict
@@ -117,9 +123,14 @@ def read_layers(path: Path | str) -> Pixels:
     headers = read_headers(path)
     read = _read_openexr if _openexr() is not None else _read_openimageio
     try:
-        parts = read(path)
+        with _silenced():
+            parts = read(path)
+    except SSGIError:
+        raise
     except MemoryError as error:
         raise SSGIError(f"cannot read {path}: not enough memory") from error
+    except Exception as error:  # of a damaged file, the libraries raise several kinds
+        raise SSGIError(f"cannot read {path}: {error}; write the file again") from error
     if len(parts) != len(headers) or any(set(h.channels) - p.keys() for h, p in zip(headers, parts)):
         raise SSGIError(f"cannot read {path}: its pixels are damaged; write the file again")
     sizes = {header.display_window for header in headers}
@@ -225,35 +236,36 @@ def _openimageio() -> ModuleType:
 def _read_openexr(path: Path) -> list[Pixels]:
     module = _openexr()
     assert module is not None
-    try:
-        with _silenced():
-            file = module.File(str(path), separate_channels=True)
-    except MemoryError:
-        raise
-    except Exception as error:  # of a damaged file, the binding raises several kinds
-        raise SSGIError(f"cannot read {path}: {error}; write the file again") from error
+    file = module.File(str(path), separate_channels=True)
     return [{name: channel.pixels for name, channel in part.channels.items()} for part in file.parts]
 
 
 @contextmanager
 def _silenced() -> Iterator[None]:
-    """Keep a library from printing: of a damaged file OpenEXR tells the terminal what we tell the user.
+    """Keep a library from printing: of a damaged file it tells the terminal what we tell the user.
 
-    What others of this process print during the few milliseconds is lost, too.
+    OpenEXR prints by way of Python and by way of C. What others of this process print during the few
+    milliseconds is lost, too.
     """
-    with _silence, ExitStack() as undo:
+    unread = io.StringIO()
+    with _silence, redirect_stdout(unread), redirect_stderr(unread), ExitStack() as undo:
         with suppress(OSError):  # a program with a window may have no outputs at all
             nowhere = os.open(os.devnull, os.O_WRONLY)
             undo.callback(os.close, nowhere)
-            for stream in (sys.stdout, sys.stderr):
-                if stream is not None:
-                    stream.flush()
+            _flush_c()
             for output in (1, 2):
                 kept = os.dup(output)
                 undo.callback(os.close, kept)
                 undo.callback(os.dup2, kept, output)
                 os.dup2(nowhere, output)
+            undo.callback(_flush_c)
         yield
+
+
+def _flush_c() -> None:
+    """Let go of what the C library holds back of the standard outputs."""
+    with suppress(OSError, AttributeError, TypeError):  # Windows has no library of that name
+        ctypes.CDLL(None).fflush(None)
 
 
 def _write_openexr(path: Path, channels: Pixels, metadata: dict[str, str], compress: bool) -> None:
@@ -274,7 +286,7 @@ def _read_openimageio(path: Path) -> list[Pixels]:
         names = source.spec().channelnames
         pixels = source.read_image("float")
         if pixels is None:
-            raise SSGIError(f"cannot read {path}: {source.geterror()}; write the file again")
+            raise OSError(source.geterror())
         parts.append({name: pixels[..., index] for index, name in enumerate(names)})
     return parts
 

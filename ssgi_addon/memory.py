@@ -13,7 +13,7 @@ from .errors import SSGIError
 
 # Resident bytes that a pixel of the frame takes at most, beside what the process starts with (measured; see
 # docs/stability_faults.md). What is captured beyond the frame has a size of its own.
-APPLY_BYTES, RENDER_BYTES = 600, 900
+APPLY_BYTES, RENDER_BYTES = 400, 750
 _CGROUP_LIMIT = Path("/sys/fs/cgroup/memory.max")
 
 

@@ -49,6 +49,15 @@ class Picture:
 def compute_picture(frame: CapturedFrame, settings: Settings, progress: Progress | None = None) -> Picture:
     """Compute the indirect light of a captured frame and add it.
 
+    Parameters
+    ----------
+    frame
+        What was captured.
+    settings
+        How to sample.
+    progress
+        Called with a fraction and a text; may raise to cancel.
+
     Raises
     ------
     SSGIError
@@ -61,13 +70,22 @@ def compute_picture(frame: CapturedFrame, settings: Settings, progress: Progress
         )  # fmt: skip
     except ValueError as error:
         raise SSGIError(f"the passes cannot be used: {error}") from error
-    except MemoryError as error:
+    except (MemoryError, SystemError) as error:  # numpy may lose the former on its way out of a function
         raise SSGIError(OUT_OF_MEMORY) from error
     return Picture(frame, light, composite(frame.gbuffer, light))
 
 
 def write_picture(picture: Picture, path: Path, recipe: Recipe | None = None) -> None:
     """Write the result as one multilayer EXR file, which carries what it was made with.
+
+    Parameters
+    ----------
+    picture
+        The result.
+    path
+        The file; an older one is replaced.
+    recipe
+        What the picture was made with, as plain data; None tells nothing.
 
     Raises
     ------
@@ -129,7 +147,21 @@ def apply_passes(
 def measure_errors(
     picture: Picture, combined: FloatArray, diffuse: FloatArray, glossy: FloatArray
 ) -> dict[str, dict[str, float | None]]:
-    """Compare a picture, and its direct light alone, with a reference's passes."""
+    """Compare a picture, and its direct light alone, with a reference's passes.
+
+    Parameters
+    ----------
+    picture
+        The result.
+    combined, diffuse, glossy : (H, W, 3)
+        Cycles' picture, its Diffuse Indirect and its Glossy Indirect, scene-linear.
+
+    Returns
+    -------
+    dict
+        Figures as in `core.metrics.compare_images`, for ``combined``, ``direct_only``, ``diffuse`` and
+        ``glossy``.
+    """
     return {
         "combined": compare_images(picture.combined, combined),
         "direct_only": compare_images(picture.frame.gbuffer.direct, combined),

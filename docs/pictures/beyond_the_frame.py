@@ -21,6 +21,7 @@ from benchmarks.beyond_frame import Configuration
 from docs.pictures.onward_ray import draw_figure
 from docs.pictures.reflection_scenes import build_hidden_light, build_mirror_room
 from docs.pictures.reflections import CACHE, ROOT, Image
+from docs.pictures.to_webp import convert
 from ssgi_addon.blender.capture import CaptureOptions, capture_frame
 from ssgi_addon.blender.display import to_display
 from ssgi_addon.blender.reference import ReferenceOptions, render_reference
@@ -107,7 +108,7 @@ def draw(name: str) -> None:
     path = OUTPUT / f"{name}.png"
     panels = [(title, to_display(scene, image.astype(np.float32))) for title, image in shown]
     write_contact_sheet(path, panels, legend=False)
-    print(f"{path.relative_to(ROOT)}: {path.stat().st_size / 1024:.0f} KB", flush=True)
+    convert(path)
 
 
 def _image(picture: Picture, light: IndirectLight, frame: CapturedFrame) -> Image:

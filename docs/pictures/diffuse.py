@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from docs.pictures.reflections import CACHE, ROOT, Shown, Stage
+from docs.pictures.to_webp import convert
 from ssgi_addon.blender.display import to_display
 from ssgi_addon.blender.sheet import write_contact_sheet
 from ssgi_addon.core import DiffuseSettings, Settings, render_indirect
@@ -47,7 +48,7 @@ def draw() -> None:
         gap = np.full((_GAP, *grey.shape[1:]), 26, dtype=np.uint8)
         panels.append((title, np.concatenate([grey, gap, shown])))
     write_contact_sheet(OUTPUT, panels, legend=False)
-    print(f"{OUTPUT.relative_to(ROOT)}: {OUTPUT.stat().st_size / 1024:.0f} KB")
+    convert(OUTPUT)
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
+from docs.pictures.panels import difference
 from docs.pictures.reflection_list import DIFFERENCE_GAIN, PICTURES, Crop, Panel, Picture
 from docs.pictures.reflection_scenes import (
     build_checks,
@@ -29,6 +30,7 @@ from docs.pictures.reflection_scenes import (
     build_strips,
     build_varnished_strips,
 )
+from docs.pictures.to_webp import convert
 from ssgi_addon.blender.capture import CaptureOptions, capture_frame
 from ssgi_addon.blender.display import to_display
 from ssgi_addon.blender.reference import ReferenceOptions, render_reference
@@ -99,20 +101,14 @@ def draw(picture: Picture, stage: Stage) -> Path:
     shown: list[Shown] = []
     for panel in picture.panels:
         if panel.kind == "difference":
-            shown.append(_difference(*shown[-2:]))
+            shown.append(difference(*shown[-2:], DIFFERENCE_GAIN))
         else:
             shown.append(_cut(to_display(stage.scene, stage.picture(panel)), picture.crop))
     titles = [panel.title for panel in picture.panels]
     path = OUTPUT / f"{picture.name}.png"
     OUTPUT.mkdir(parents=True, exist_ok=True)
     write_contact_sheet(path, list(zip(titles, shown, strict=True)), legend=False)
-    return path
-
-
-def _difference(one: Shown, other: Shown) -> Shown:
-    """Return how far apart two pictures are, brighter than it is."""
-    apart = np.abs(one.astype(np.int32) - other) * DIFFERENCE_GAIN
-    return np.minimum(apart, 255).astype(np.uint8)
+    return convert(path)
 
 
 def _cut(image: Shown, crop: Crop | None) -> Shown:
@@ -133,8 +129,7 @@ def main() -> None:
         stage = Stage.of(scene)
         for picture in chosen:
             if picture.scene == scene:
-                path = draw(picture, stage)
-                print(f"{path.relative_to(ROOT)}: {path.stat().st_size / 1024:.0f} KB", flush=True)
+                draw(picture, stage)
 
 
 if __name__ == "__main__":

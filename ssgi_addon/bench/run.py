@@ -170,8 +170,8 @@ class _Processes:
         with (
             (self.folder / "log.txt").open("a", encoding="utf-8") as log,
             subprocess.Popen(
-                command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace",
-                env=environment(),
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+                errors="replace", env=environment(),
             ) as process,
         ):  # fmt: skip
             try:

@@ -17,7 +17,7 @@ from ..job_options import JobOptions
 from ..render_task import COMMAND, RenderTask, write_task
 from .job import frame_stems, made_with, shown_result
 from .restore import Restorer
-from .trust import scripts_may_run
+from .scene_file import scripts_may_run
 
 _running: BackgroundRender | None = None
 

@@ -11,25 +11,31 @@ import bpy
 from ..bench.options import SceneSource
 from ..bench.store import load_scene, scene_folder
 from ..bench.tasks import Task, read_task
+from ..child import ended_with_parent
 from ..files import write_json
 from ..progress import tell
 from ..results import peak_memory_mb
 from . import demo_scene
 from .bench_renders import borrow_unbiased, run_method
 from .bench_scene import SceneBench
-from .job import open_scene
 from .render_settings import borrow_scene
 from .restore import Restorer
+from .scene_file import open_scene
 
 
 def work(task_path: Path) -> None:
-    """Do a task.
+    """Do a task; end if the process that waits for it does.
 
     Raises
     ------
     SSGIError
         If the scene cannot be opened or rendered, or a result cannot be written.
     """
+    with ended_with_parent(lambda: None):
+        _work(task_path)
+
+
+def _work(task_path: Path) -> None:
     task = read_task(task_path)
     scene = open_source(task.source, enable_autoexec=task.options.enable_autoexec)
     if task.kind == "cold":

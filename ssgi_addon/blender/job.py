@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-import itertools
 import platform
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -32,7 +30,7 @@ from .display import write_display_png
 from .kept_world import KeptWorld
 from .render_settings import find_view_layer
 from .restore import Restorer
-from .trust import denied_scripts, scripts_may_run
+from .scene_file import denied_scripts, open_scene, refuse_unread_file
 
 Progress = Callable[[float, str], None]
 Report = dict[str, Any]
@@ -77,42 +75,11 @@ def run_job(scene_path: Path | None, options: JobOptions, progress: Progress | N
     """
     check_writable(options.output)
     if scene_path is None:
-        _refuse_unread_file()
+        refuse_unread_file()
     else:
         open_scene(scene_path, enable_autoexec=options.enable_autoexec)
     report, _ = render_frames(bpy.context.scene, options, progress)
     return report
-
-
-def open_scene(path: Path, *, enable_autoexec: bool = False) -> None:
-    """Open a .blend file.
-
-    Parameters
-    ----------
-    path
-        The file.
-    enable_autoexec
-        Run its scripts and drivers. Else they run where this Blender was told to run those of all files;
-        Blender as a Python module does not look for that.
-
-    Raises
-    ------
-    SSGIError
-        If it is missing or is not a file that this Blender reads.
-    """
-    if not path.is_file():
-        raise SSGIError(f"there is no scene {path}: check the path")
-    try:
-        bpy.ops.wm.open_mainfile(
-            filepath=str(path.resolve()),
-            load_ui=False,
-            use_scripts=enable_autoexec or (not bpy.app.module and scripts_may_run()),
-        )
-    except RuntimeError as error:
-        reason = str(error).strip().removeprefix("Error: ")
-        raise SSGIError(
-            f"cannot open {path}: {reason}; give a .blend file that Blender {bpy.app.version_string} reads"
-        ) from error
 
 
 def render_frames(
@@ -345,14 +312,6 @@ def _record(frame: int, picture: Picture, seconds: dict[str, float]) -> Report:
         "notes": [*picture.frame.notes, *denied_scripts()],
         "metrics": None,
     }
-
-
-def _refuse_unread_file() -> None:
-    """Raise where Blender went on with an empty file, for it could not read the one it was started with."""
-    own_arguments = itertools.takewhile(lambda text: text not in ("-c", "--command"), sys.argv[1:])
-    named = [text for text in own_arguments if text.endswith(".blend")]
-    if named and not bpy.data.filepath:
-        raise SSGIError(f"Blender could not open {named[-1]}: check the path")
 
 
 def _stem(frame: int) -> str:

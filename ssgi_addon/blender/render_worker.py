@@ -17,7 +17,8 @@ from ..errors import SSGIError
 from ..files import discard_unfinished
 from ..progress import tell
 from ..render_task import read_task
-from .job import open_scene, render_frames
+from .job import render_frames
+from .scene_file import open_scene
 
 # Steps towards less important: the window comes first where cores are few.
 _NICENESS = 5

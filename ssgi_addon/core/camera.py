@@ -134,9 +134,21 @@ class Camera:
         pixel_aspect: float = 1.0,
         world_from_view: FloatArray | None = None,
     ) -> Camera:
-        """Make a camera with parallel rays that sees `width_units` scene units across its width.
+        """Make a camera with parallel rays.
 
-        The other parameters and errors are those of `perspective`.
+        Parameters
+        ----------
+        width, height
+            Image size, pixels.
+        width_units
+            What it sees across its width, scene units.
+        shift_px, pixel_aspect, world_from_view
+            As in `perspective`.
+
+        Raises
+        ------
+        ValueError
+            If a size is not a positive integer, or the width in units or the aspect is not positive.
         """
         _check_side("width", width)
         if not (_is_number(width_units) and _WIDTHS[0] <= width_units <= _WIDTHS[1]):
@@ -199,7 +211,20 @@ class Camera:
         return x_px, y_px, depth
 
     def pixel_to_view(self, x_px: FloatArray, y_px: FloatArray, depth: FloatArray) -> FloatArray:
-        """Unproject pixel coordinates at a depth to view space ``(..., 3)``; inverse of `view_to_pixel`."""
+        """Unproject pixel coordinates at a depth; inverse of `view_to_pixel`.
+
+        Parameters
+        ----------
+        x_px, y_px : (...)
+            Pixels from the top left corner.
+        depth : (...)
+            Distance along the view axis, scene units.
+
+        Returns
+        -------
+        (..., 3)
+            View-space points, scene units.
+        """
         scale = 1.0 if self.is_orthographic else depth
         x = (x_px - self.cx) / self.fx * scale
         y = (self.cy - y_px) / self.fy * scale

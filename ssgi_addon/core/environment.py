@@ -31,7 +31,12 @@ class Environment:
 
     @classmethod
     def constant(cls, rgb: Sequence[float] | FloatArray) -> Environment:
-        """The same radiance ``(3,)`` from every direction.
+        """The same radiance from every direction.
+
+        Parameters
+        ----------
+        rgb : (3,)
+            Radiance, scene-linear.
 
         Raises
         ------
@@ -74,9 +79,17 @@ class Environment:
         return self.image.shape[:2] == (1, 1)
 
     def radiance(self, x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
-        """Look up radiance ``(N, 3)`` for unit view-space directions given by component, each ``(N,)``.
+        """Look up radiance, bilinear between pixel centres and wrapping around in longitude.
 
-        Bilinear between pixel centres, wrapping around in longitude.
+        Parameters
+        ----------
+        x, y, z : (N,)
+            Components of unit view-space directions.
+
+        Returns
+        -------
+        (N, 3)
+            Radiance, scene-linear.
         """
         if self.is_constant:
             return np.broadcast_to(self.image.reshape(1, 3), (x.shape[0], 3))

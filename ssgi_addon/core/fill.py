@@ -35,6 +35,11 @@ class Fill:
         How many light paths each pixel is the mean of; a number stands for all pixels.
     is_denoised
         The light was cleaned already: by a denoiser that knows more of noise than our filter.
+
+    Raises
+    ------
+    ValueError
+        If an array has not the camera's size, or does not hold real numbers.
     """
 
     depth: FloatArray

@@ -110,17 +110,17 @@ class GBuffer:
 
     @property
     def diffuse_source(self) -> FloatArray:
-        """(H, W, 3) radiance handed on to diffuse rays: `source`, or `direct` where there is none."""
+        """(H, W, 3) radiance handed on to diffuse rays, that is `source`, or `direct` where there is none."""
         return self.direct if self.source is None else self.source
 
     @property
     def bounce_albedo(self) -> FloatArray:
-        """(H, W, 3) share of the light of earlier bounces that is handed on: `reflectance`, or `albedo`."""
+        """(H, W, 3) share of earlier bounces' light that is handed on, that is `reflectance`, or `albedo`."""
         return self.albedo if self.reflectance is None else self.reflectance
 
     @property
     def reflection_source(self) -> FloatArray:
-        """(H, W, 3) radiance handed on to reflection rays: `glossy_source`, or `diffuse_source`."""
+        """(H, W, 3) radiance handed on to reflection rays, that is `glossy_source`, or `diffuse_source`."""
         return self.diffuse_source if self.glossy_source is None else self.glossy_source
 
 

@@ -32,9 +32,9 @@ class IndirectLight:
     skipped
         What was not computed and why, as (what, why).
     seconds
-        Wall time of each step.
+        Wall time of each step, by its name.
     rays
-        Rays traced by each pass.
+        Number of rays that each pass traced, by its name.
     """
 
     diffuse: FloatArray
@@ -53,6 +53,18 @@ def composite(gbuffer: GBuffer, light: IndirectLight) -> FloatArray:
     """Return the picture ``(H, W, 3)``: direct + albedo * diffuse + specular * glossy.
 
     Fresnel is not applied again: the glossy colour already is the lobe's directional albedo.
+
+    Parameters
+    ----------
+    gbuffer
+        The frame, with its direct light and colours.
+    light
+        Of that frame.
+
+    Returns
+    -------
+    (H, W, 3) float32
+        Scene-linear radiance; a new array.
 
     Raises
     ------

@@ -183,6 +183,11 @@ def compare_images(
     exposure
         Stops of `display_referred`, for SSIM and FLIP.
 
+    Returns
+    -------
+    dict of float or None
+        ``relmse``, ``bias`` (radiance), ``ssim`` (1 is equal) and ``flip`` (0 is equal).
+
     Raises
     ------
     ValueError
@@ -252,7 +257,20 @@ def find_silhouettes(depth: FloatArray) -> BoolArray:
 
 
 def display_referred(image: FloatArray, exposure: float = 0.0) -> FloatArray:
-    """Scene-linear light as a plain sRGB display shows it: ``2**exposure``, clipped to 0..1, sRGB curve."""
+    """Scene-linear light as a plain sRGB display shows it: ``2**exposure``, clipped to 0..1, sRGB curve.
+
+    Parameters
+    ----------
+    image
+        Scene-linear light of any shape.
+    exposure
+        Stops.
+
+    Returns
+    -------
+    float64
+        Of the same shape, 0 to 1.
+    """
     clipped = np.clip(np.asarray(image, np.float64) * 2.0**exposure, 0.0, 1.0)
     encoded: FloatArray = np.where(
         clipped <= 0.0031308, 12.92 * clipped, 1.055 * clipped ** (1 / 2.4) - 0.055

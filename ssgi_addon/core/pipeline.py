@@ -62,8 +62,14 @@ def render_indirect(
     progress
         Called with the finished fraction and a text, in this thread; may raise to cancel.
     fill
-        Path-traced light of a small image, which sets the level of what rays answered. It does not count as
-        known.
+        Path-traced light of a small image: it brings the light or sets the level of what rays answered, as
+        `Settings.fill_mode` says. It does not count as known.
+
+    Returns
+    -------
+    IndirectLight
+        Of the frame's size, float32, without NaN, infinite or negative values; the same for any number of
+        threads.
 
     Raises
     ------

@@ -90,7 +90,13 @@ def _is_real(value: Any) -> bool:
 
 @dataclass(frozen=True)
 class ReflectionSettings:
-    """Screen-space reflections: the glossy indirect light."""
+    """Screen-space reflections: the glossy indirect light.
+
+    Raises
+    ------
+    ValueError
+        If a value is out of its range; the text names the field.
+    """
 
     enabled: bool = option(True, "Trace reflection rays", label="Reflections")
     method: str = option(
@@ -211,7 +217,13 @@ class ReflectionSettings:
 
 @dataclass(frozen=True)
 class DiffuseSettings:
-    """Screen-space directional occlusion: the diffuse indirect light and the visibility."""
+    """Screen-space directional occlusion: the diffuse indirect light and the visibility.
+
+    Raises
+    ------
+    ValueError
+        If a value is out of its range; the text names the field.
+    """
 
     enabled: bool = option(True, "Trace diffuse rays", label="Diffuse")
     method: str = option(
@@ -322,7 +334,13 @@ class DiffuseSettings:
 
 @dataclass(frozen=True)
 class Settings:
-    """All settings of `render_indirect`; frozen, so `dataclasses.replace` makes variants."""
+    """All settings of `render_indirect`; frozen, so `dataclasses.replace` makes variants.
+
+    Raises
+    ------
+    ValueError
+        If a value is out of its range, or a group of the wrong type; the text names the field.
+    """
 
     reflections: ReflectionSettings = field(default_factory=ReflectionSettings)
     diffuse: DiffuseSettings = field(default_factory=DiffuseSettings)

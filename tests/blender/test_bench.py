@@ -4,6 +4,9 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,8 +23,10 @@ from ssgi_addon.blender.bench_renders import run_method
 from ssgi_addon.blender.bench_scene import SceneBench
 from ssgi_addon.blender.capture import CaptureOptions, capture_frame
 from ssgi_addon.blender.restore import Restorer
+from ssgi_addon.child import environment
 from ssgi_addon.cli import main
 from tests.blender.fingerprint import changes, fingerprint
+from tests.faults.kills import ends
 from tests.scenes import build_closed_room
 
 SIZE = (64, 36)
@@ -144,3 +149,27 @@ def test_camera_moves_a_little_from_frame_to_frame_and_is_put_back(room):
     assert min(steps) > 0.0
     assert max(steps) < 0.02
     assert changes(before, fingerprint()) == {}
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks at processes as Linux shows them")
+def test_process_that_measures_ends_with_the_one_that_waits_for_it(tmp_path):
+    line = [
+        "bench",
+        "--quick",
+        "--output",
+        str(tmp_path / "report"),
+        "--resolution",
+        "64x36",
+        "--scenes",
+        "demo",
+    ]
+    with subprocess.Popen(
+        [sys.executable, "-m", "ssgi_addon", *line], env=environment(), stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+    ) as process:  # fmt: skip
+        for told in process.stderr:
+            if "demo: " in told:
+                break
+        (worker,) = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+        process.kill()
+    assert ends(int(worker))

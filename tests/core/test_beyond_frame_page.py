@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 
 import pytest
 
@@ -42,6 +43,11 @@ def test_budgets_of_presets_are_as_stated():
     stated = " ".join(section_of(TEXT, "budget").split()).split("The presets set it:")[1]
     expected = ", ".join(f"{value['budget']:g} (`{name}`)" for name, value in RENDERED.items())
     assert stated.split(". Each")[0].strip() == expected
+
+
+def test_fills_of_presets_are_as_stated():
+    stated = " ".join(TEXT.split()).split("The presets take a fill of ")[1].split(" ([ADR")[0]
+    assert re.findall(r"\d+", stated) == [str(value["fill"]) for value in RENDERED.values()]
 
 
 def test_what_cycles_alone_captures_is_stated():

@@ -110,7 +110,7 @@ write, path, new = getattr(test_disk_faults, sys.argv[1]), Path(sys.argv[2]), Pa
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 old, failures = path.read_bytes(), 0
 _, most = resource.getrlimit(resource.RLIMIT_FSIZE)
-for limit in range(0, len(new) + 64, max(1, len(new) // 100)):
+for limit in range(0, len(new) + 64, max(1, len(new) // 40)):
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, most))
     try:
         write(path, 2)
@@ -122,14 +122,14 @@ for limit in range(0, len(new) + 64, max(1, len(new) // 100)):
     assert [other.name for other in path.parent.iterdir()] == [path.name]
     resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
     path.write_bytes(old)
-assert failures > 50, failures
+assert failures > 20, failures
 """
 
 
 @posix_alone
 @pytest.mark.parametrize("write", WRITERS)
 def test_file_that_may_not_grow_is_whole_or_as_it_was(tmp_path, write):
-    """A limit on the size of files, in a hundred steps through the file."""
+    """A limit on the size of files, in many steps through the file."""
     path = tmp_path / "folder" / "result"
     write(path, 1)
     write(tmp_path / "new", 2)
@@ -350,16 +350,16 @@ from ssgi_addon.cli import main
 from tests.faults.fuzz_cli import large_passes
 path = large_passes(Path(sys.argv[1]))
 # Once at first, so that everything is loaded
-main(["apply", str(path), "--output", str(path.with_name("first.exr")), "--rays", "1"])
+main(["apply", str(path), "--output", str(path.with_name("first.exr"))])
 taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (taken + (int(sys.argv[2]) << 20), -1))
 print("limited", file=sys.stderr, flush=True)
-sys.exit(main(["apply", str(path), "--output", str(path.with_name("second.exr")), "--rays", "1"]))
+sys.exit(main(["apply", str(path), "--output", str(path.with_name("second.exr"))]))
 """
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits of Linux")
-@pytest.mark.parametrize("megabytes", [1, 8, 24])
+@pytest.mark.parametrize("megabytes", [1, 24])
 def test_too_little_memory_is_one_clear_line(tmp_path, megabytes):
     done = subprocess.run(
         [sys.executable, "-c", SHORT_OF_MEMORY, str(tmp_path), str(megabytes)],

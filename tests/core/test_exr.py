@@ -252,13 +252,14 @@ def test_absurd_sizes_are_refused_before_anything_is_allocated(tmp_path, good_fi
         read_layers(path)
 
 
-def test_damaged_pixels_are_one_clear_line(tmp_path, good_file):
+def test_damaged_pixels_are_one_clear_line(tmp_path, good_file, capfd):
     path = tmp_path / "a.exr"
     damaged = bytearray(good_file)
     damaged[len(damaged) // 2 :] = bytes(len(damaged) - len(damaged) // 2)
     path.write_bytes(damaged)
     with pytest.raises(SSGIError, match="cannot read"):
         read_layers(path)
+    assert capfd.readouterr() == ("", "")
 
 
 def test_other_files_are_one_clear_line(tmp_path):
@@ -269,6 +270,33 @@ def test_other_files_are_one_clear_line(tmp_path):
         read_layers(tmp_path / "missing.exr")
     with pytest.raises(SSGIError, match="cannot read"):
         read_layers(tmp_path)
+
+
+def test_more_than_a_file_of_its_size_can_hold_is_refused(tmp_path):
+    """A megabyte is let through for small files, and what deflate could hold for larger ones."""
+    path = tmp_path / "a.exr"
+    write_layers(path, {"combined": np.zeros((40, 30, 3), np.float32)})
+    small = path.read_bytes()
+    for side, is_held in ((200, True), (400, False)):
+        path.write_bytes(with_window(small, b"dataWindow", (0, 0, side - 1, side - 1)))
+        with pytest.raises(SSGIError) as raised:
+            read_layers(path)
+        assert ("cannot hold" in str(raised.value)) != is_held
+
+
+def test_black_picture_of_full_size_is_no_absurd_one(tmp_path):
+    """Nothing shrinks further: a check that is too strict would refuse it."""
+    layers = {name: np.zeros((1080, 1920, 3), np.float32) for name in ("combined", "direct", "albedo")}
+    write_layers(tmp_path / "a.exr", layers)
+    assert_same_bits(read_layers(tmp_path / "a.exr"), layers)
+
+
+def test_what_is_printed_before_and_after_a_reading_is_printed(tmp_path, layers, capfd):
+    write_layers(tmp_path / "a.exr", layers)
+    print("before")
+    read_layers(tmp_path / "a.exr")
+    print("after")
+    assert capfd.readouterr().out == "before\nafter\n"
 
 
 @settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -311,12 +339,13 @@ def test_openexr_reads_what_blenders_own_library_wrote(tmp_path, layers, monkeyp
     assert os.listdir(tmp_path) == ["a.exr"]
 
 
-def test_blenders_own_library_refuses_damaged_pixels(tmp_path, good_file, openimageio):
+def test_blenders_own_library_refuses_damaged_pixels(tmp_path, good_file, openimageio, capfd):
     damaged = bytearray(good_file)
     damaged[len(damaged) // 2 :] = bytes(len(damaged) - len(damaged) // 2)
     (tmp_path / "a.exr").write_bytes(damaged)
     with pytest.raises(SSGIError, match="cannot read"):
         read_layers(tmp_path / "a.exr")
+    assert capfd.readouterr() == ("", "")
 
 
 def test_blenders_own_library_reports_an_unwritable_folder(read_only_folder, layers, openimageio):

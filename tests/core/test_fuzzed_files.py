@@ -11,7 +11,7 @@ pytest.importorskip("OpenEXR")
 
 from tests.faults.fuzz_cli import run_cases
 
-CASES = 20000 if os.environ.get("SSGI_STRESS") else 500
+CASES = 20000 if os.environ.get("SSGI_STRESS") else 250
 
 
 def test_damaged_files_end_in_a_result_or_in_one_clear_line(tmp_path):

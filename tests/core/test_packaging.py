@@ -3,7 +3,10 @@
 
 from __future__ import annotations
 
+import os
 import re
+import shutil
+import subprocess
 import tomllib
 import zipfile
 from pathlib import Path
@@ -130,3 +133,49 @@ def test_archive_of_one_system_carries_its_own_wheels(archive):
 def test_size_without_reason_is_found(archive, monkeypatch):
     monkeypatch.setattr(contents, "LARGEST_MB", 1e-3)
     assert contents.problems(archive, FILES, has_wheels=True) == ["it is larger than 0 MB"]
+
+
+@pytest.fixture(name="check_program")
+def check_with_a_program(tmp_path):
+    """Run CI's check of the extension in the Blender program with a shell script in the program's place."""
+    if os.name != "posix" or shutil.which("bash") is None:
+        pytest.skip("CI's checks are shell scripts")
+
+    def check(script):
+        program = tmp_path / "blender"
+        program.write_text(f"#!/bin/sh\n{script}\n")
+        program.chmod(0o755)
+        archive = tmp_path / "ssgi.zip"
+        archive.touch()
+        return subprocess.run(
+            [ROOT / ".ci" / "real-blender", archive],
+            env={**os.environ, "SSGI_BLENDER": str(program)},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+
+    return check
+
+
+@pytest.mark.parametrize("script", ["exit 1", "echo Blender 4.4.3", "echo something else"])
+def test_lack_of_a_program_is_said_and_is_no_failure(check_program, script):
+    done = check_program(script)
+    assert done.returncode == 0, done.stderr
+    (line,) = done.stdout.splitlines()
+    assert "NOT tested" in line
+
+
+@pytest.mark.parametrize("version", ["4.5.0", "5.2.2 LTS", "10.0.1"])
+def test_extension_that_fails_in_a_program_is_a_failure(check_program, version):
+    is_asked_for_its_version = '[ "$1" = --version ]'
+    done = check_program(f"if {is_asked_for_its_version}; then echo Blender {version}; else exit 1; fi")
+    assert done.returncode != 0
+    assert "NOT tested" not in done.stdout
+
+
+def test_extension_that_renders_nothing_is_a_failure(check_program):
+    """The program says that all went well, and nothing is there."""
+    done = check_program("echo Blender 5.2.2")
+    assert done.returncode != 0
+    assert "was tested" not in done.stdout

@@ -14,7 +14,7 @@ SWITCHES = switches_of(ReflectionSettings)
 
 @pytest.mark.parametrize("item", SWITCHES, ids=lambda item: item.name)
 def test_every_switch_has_a_section_with_its_picture(item):
-    assert f"(images/reflections/{item.name}.png)" in section_of(TEXT, item.name)
+    assert f"(images/reflections/{item.name}.webp)" in section_of(TEXT, item.name)
 
 
 @pytest.mark.parametrize("item", SWITCHES, ids=lambda item: item.name)

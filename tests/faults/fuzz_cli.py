@@ -19,7 +19,7 @@ import warnings
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -97,10 +97,13 @@ def make_good_files(folder: Path) -> None:
 
 
 def large_passes(folder: Path) -> Path:
-    """Write passes of a frame that takes some tens of megabytes to compute."""
+    """Write passes of a frame that takes some tens of megabytes to compute, by one thread.
+
+    Where memory runs out, Python may wait forever for a thread that could not start.
+    """
     camera, gbuffer = _view(np.random.default_rng(SEED), 640, 360)
     frame = CapturedFrame(gbuffer, camera, None, "cycles", True, True)
-    return write_passes(frame, folder / "passes", "a_0001", Settings.preset("draft"))
+    return write_passes(frame, folder / "passes", "a_0001", replace(Settings.preset("draft"), threads=1))
 
 
 def _own_frame(rng: np.random.Generator) -> CapturedFrame:
@@ -213,7 +216,7 @@ def _run(work: Path, line: list[str], output: Path) -> tuple[str, str]:
         except BaseException:
             code = traceback.format_exc()
     out, err = texts
-    fault = _fault(code, err, output)
+    fault = _fault(code, out, err, output)
     if _hashes(work / "in") != before:
         fault = fault or "an input was changed"
     left = [path.name for path in work.rglob("*") if path.name.endswith(".tmp")]
@@ -223,7 +226,7 @@ def _run(work: Path, line: list[str], output: Path) -> tuple[str, str]:
     return ended, f"{fault}\n{line}\n{out}\n{err}" if fault else ""
 
 
-def _fault(code: int | str, err: str, output: Path) -> str:
+def _fault(code: int | str, out: str, err: str, output: Path) -> str:
     said = [line for line in err.splitlines() if not line[:4].strip().endswith("%")]
     if code == 0:
         if said:
@@ -235,7 +238,7 @@ def _fault(code: int | str, err: str, output: Path) -> str:
         return "" if output.is_file() else "there is no result"
     if code != 1:
         return str(code)
-    if len(said) != 1 or not said[0].startswith("ssgi: error: ") or not said[0].isprintable():
+    if out or len(said) != 1 or not said[0].startswith("ssgi: error: ") or not said[0].isprintable():
         return "not one clear line"
     return "a failure left a result" if output.parent.exists() and list(output.parent.iterdir()) else ""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from ssgi_addon.child import environment
-from ssgi_addon.exr import read_layers
+from ssgi_addon.exr import read_layers, write_layers
 
 ROOT = Path(__file__).resolve().parents[2]
 TINY = (
@@ -63,19 +64,21 @@ def run(command: Sequence[str], temporary: Path) -> float:
     return time.monotonic() - begun
 
 
-def kill(command: Sequence[str], temporary: Path, seconds: float, rng: np.random.Generator) -> bool:
+def kill(
+    command: Sequence[str], temporary: Path, seconds: float, rng: np.random.Generator, step: str, frames: int
+) -> bool:
     """Run a command and kill it: half of the times when it writes, else within so many seconds.
 
-    Return whether it was killed before its end.
+    It says `step` before it writes a frame. Return whether it was killed before its end.
     """
     process = subprocess.Popen(
         command, cwd=ROOT, env=environment(TMPDIR=str(temporary)), stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     if rng.random() < 0.5:
-        wanted, wait = int(rng.integers(1, 4)), rng.uniform(0.0, _WRITING)
+        wanted, wait = int(rng.integers(1, frames + 1)), rng.uniform(0.0, _WRITING)
         for line in process.stderr:
-            wanted -= "Writing" in line
+            wanted -= step in line
             if not wanted:
                 break
         time.sleep(wait)
@@ -95,6 +98,17 @@ def files_below(folder: Path) -> dict[str, bytes]:
         for path in sorted(folder.rglob("*"))
         if path.is_file() and path.suffix != ".json"
     }
+
+
+def write_old(folder: Path, like: Files) -> Files:
+    """Write other files of the same names, as an older run could have left them."""
+    for name in like:
+        path = folder / name
+        if path.suffix == ".exr":
+            write_layers(path, {"combined": np.zeros((3, 4, 3), np.float32)})
+        else:
+            path.write_bytes(b"old")
+    return files_below(folder)
 
 
 def unfinished(folder: Path) -> list[str]:
@@ -121,20 +135,16 @@ def kill_renders(blend: Path, folder: Path, count: int, rng: np.random.Generator
     temporary, kills = folder / "temporary", Kills()
     temporary.mkdir(parents=True)
     scene = blend.read_bytes()
-    run(render_command(blend, folder / "new"), temporary)
-    seconds = run(render_command(blend, folder / "whole"), temporary)
-    run(render_command(blend, folder / "old", "--rays", "3"), temporary)
-    old, new = (files_below(folder / name) for name in ("old", "new"))
-    if files_below(folder / "whole") != new:
-        kills.faults.append("two whole runs differ")
+    seconds = run(render_command(blend, folder / "new"), temporary)
+    old, new = write_old(folder / "old", files_below(folder / "new")), files_below(folder / "new")
     for index in range(count):
         output = folder / f"out{index}"
         is_over_older = bool(index % 2)
         if is_over_older:
-            run(["cp", "-r", str(folder / "old"), str(output)], temporary)
+            shutil.copytree(folder / "old", output)
         way = ["--overwrite"] if is_over_older else ["--resume"]
         command = render_command(blend, output, *way)
-        was_killed = kill(command, temporary, seconds, rng)
+        was_killed = kill(command, temporary, seconds, rng, "Writing", frames=3)
         faults = list(half_files(output, old if is_over_older else {}, new))
         kept = {path: path.stat().st_mtime_ns for path in output.glob("*.exr")}
         run(command, temporary)
@@ -158,7 +168,7 @@ def kill_applies(passes: Path, folder: Path, count: int, rng: np.random.Generato
     new = output.read_bytes()
     for index in range(count):
         output.write_bytes(b"old")
-        was_killed = kill(apply_command(passes, output), temporary, seconds, rng)
+        was_killed = kill(apply_command(passes, output), temporary, seconds, rng, "100%", frames=1)
         faults = []
         if output.read_bytes() not in (b"old", new):
             faults.append("the result is neither old nor new")
@@ -203,11 +213,10 @@ def kill_windows(blend: Path, folder: Path, count: int, rng: np.random.Generator
     for place in (cache, temporary):
         place.mkdir(parents=True)
     run(render_command(blend, folder / "new"), temporary)
-    run(render_command(blend, folder / "old", "--rays", "3"), temporary)
-    old, new = (files_below(folder / name) for name in ("old", "new"))
+    old, new = write_old(folder / "old", files_below(folder / "new")), files_below(folder / "new")
     for index in range(count):
         output = folder / f"out{index}"
-        run(["cp", "-r", str(folder / "old"), str(output)], temporary)
+        shutil.copytree(folder / "old", output)
         process = subprocess.Popen(
             [sys.executable, "-c", WINDOW, str(blend), str(output), str(cache)],
             cwd=ROOT, env=environment(TMPDIR=str(temporary)), stdout=subprocess.PIPE,
@@ -224,14 +233,14 @@ def kill_windows(blend: Path, folder: Path, count: int, rng: np.random.Generator
         with suppress(ProcessLookupError):
             os.kill(worker if is_worker else process.pid, signal.SIGKILL)
         process.communicate()
-        faults = [] if _ends(worker) else ["a process goes on"]
+        faults = [] if ends(worker) else ["a process goes on"]
         faults += half_files(output, old, new)
         faults += [f"{name} was left behind" for name in (*unfinished(output), *unfinished(cache))]
         kills.judge(is_running, [f"window {index}: {fault}" for fault in faults])
     return kills
 
 
-def _ends(pid: int) -> bool:
+def ends(pid: int) -> bool:
     """Whether a process ends soon, by itself."""
     end = time.monotonic() + PATIENCE
     while time.monotonic() < end:
