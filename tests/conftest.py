@@ -44,6 +44,8 @@ def pytest_configure(config: pytest.Config) -> None:
             suppress_health_check=[hypothesis.HealthCheck.too_slow],
         )  # fmt: skip
         hypothesis.settings.load_profile("stress")
+        # A failure's inputs may be long
+        config.addinivalue_line("filterwarnings", "ignore::hypothesis.errors.HypothesisWarning")
         budget.multiply(times)
     _give_blender_a_folder()
 

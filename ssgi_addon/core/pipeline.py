@@ -32,6 +32,8 @@ _TOLD = 5e-5
 _FOR_VISIBILITY: dict[str, Any] = {"resolution": "quarter", "rays": 4, "bounces": 1, "adaptive": 0.0}
 # Width of the part of a lobe that holds most of its light, per unit of distance and of alpha.
 _BLUR_PER_ALPHA = 1.0
+# In place of an endless width.
+_WIDE = 1e30
 # Roughness from which lobes take one filter pass, two, and so on.
 _LOBE_STEPS = (0.05, 0.12, 0.25, 0.45)
 
@@ -311,12 +313,14 @@ class _Run:
         roughness = self.gbuffer.roughness.reshape(-1).take(pixels)
         levels = lobe_passes(self.gbuffer, pixels)
         if self.settings.reflections.contact_hardening:
-            with np.errstate(invalid="ignore"):
+            if self.camera.is_orthographic:
+                width = np.minimum(distance, _WIDE)
+            else:
                 depth = self.gbuffer.depth.reshape(-1).take(pixels)
-                seen_from = 1.0 if self.camera.is_orthographic else depth + distance
-                width = np.where(np.isinf(distance), 1.0, distance / seen_from)
+                with np.errstate(invalid="ignore"):
+                    width = np.where(np.isinf(distance), 1.0, distance / (depth + distance))
             width = width * (_BLUR_PER_ALPHA * roughness * roughness * max(self.camera.fx, self.camera.fy))
-            reach = np.floor(np.log2(np.maximum(width, 0.5))).astype(np.int64) + 1
+            reach = np.floor(np.log2(np.clip(width, 0.5, _WIDE))).astype(np.int64) + 1
             levels = np.minimum(levels, reach)
         return np.maximum(levels, 0).astype(np.int8)
 
