@@ -56,7 +56,7 @@ test: $(READY)
 
 # Other examples in each run; prints how many were tried
 stress: $(READY)
-	@$(RUN) -m pytest tests/core -m property --stress $(TIMES) $(ARGS)
+	@$(RUN) -m pytest -m property --stress $(TIMES) $(ARGS)
 
 lint: $(READY)
 	@$(RUN) -m ruff check

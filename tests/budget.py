@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How many examples property tests try: a few in every run, many with ``--stress``; all are counted."""
+"""How much tests try: a few examples in every run, many with ``--stress``. Those tried are counted."""
 
 from __future__ import annotations
 
@@ -21,6 +21,11 @@ def multiply(times: int) -> None:
     """Let all tests that are collected from now on try so many times their examples."""
     global _times
     _times = times
+
+
+def times() -> int:
+    """Return how many times the examples of an ordinary run are tried; asked while tests are collected."""
+    return _times
 
 
 def examples(max_examples: int, **options: Any) -> Callable[[Test], Test]:

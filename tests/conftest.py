@@ -35,7 +35,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    config.addinivalue_line("markers", "property: a property test, which tries many examples")
+    config.addinivalue_line("markers", "property: tries many examples, and more with --stress")
     times = config.getoption("--stress")
     if times > 1:
         # A failure prints how to repeat it

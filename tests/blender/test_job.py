@@ -21,18 +21,14 @@ from ssgi_addon.exr import read_layers
 from ssgi_addon.job_options import JobOptions
 from tests.blender.fingerprint import changes, fingerprint
 from tests.blender.test_roughness import add_tile, look_down, material_of
-from tests.scenes import build_closed_room, build_mirror_floor
+from tests.scenes import build_mirror_floor, build_moving_room
 
 SIZE = (48, 27)
 
 
 @pytest.fixture
 def room(empty_file):
-    """A room that moves before its camera: frames differ."""
-    scene = build_closed_room()
-    scene.camera.keyframe_insert("location", frame=1)
-    scene.camera.location.x += 0.5
-    scene.camera.keyframe_insert("location", frame=3)
+    scene = build_moving_room()
     scene.frame_set(2)
     return scene
 

@@ -25,23 +25,20 @@ from ssgi_addon.errors import SSGIError
 from ssgi_addon.exr import read_layers
 from ssgi_addon.job_options import JobOptions
 from ssgi_addon.passes import read_passes
+from tests import budget
 from tests.blender.fingerprint import changes, fingerprint
 from tests.core.test_disk_faults import error_of, small_disk  # noqa: F401  (a fixture)
 from tests.faults import kills
-from tests.scenes import build_closed_room
+from tests.scenes import build_closed_room, build_moving_room
 
 ROOT = Path(__file__).resolve().parents[2]
-STRESS = bool(os.environ.get("SSGI_STRESS"))
+STRESS = budget.times() > 1
 posix_alone = pytest.mark.skipif(os.name != "posix", reason="signals, limits and mounts of POSIX")
 
 
 @pytest.fixture
 def room(empty_file):
-    """A room in which the camera moves."""
-    scene = build_closed_room()
-    scene.camera.keyframe_insert("location", frame=1)
-    scene.camera.location.x += 0.5
-    scene.camera.keyframe_insert("location", frame=3)
+    scene = build_moving_room()
     scene.frame_set(1)
     return scene
 
@@ -214,6 +211,7 @@ def compared_runs(tmp_path_factory):
 
 
 @posix_alone
+@pytest.mark.property
 @pytest.mark.parametrize("kilobytes", [4, 40] if not STRESS else [*range(0, 100, 4)])
 def test_files_that_may_not_grow_leave_what_was_there(compared, tmp_path, kilobytes):
     """Pictures, sheets and reports: each is the old one or the new one, and the error says which failed."""
@@ -235,12 +233,14 @@ def test_files_that_may_not_grow_leave_what_was_there(compared, tmp_path, kiloby
 
 
 @posix_alone
+@pytest.mark.property
 def test_killed_renders_leave_old_or_new_files_and_the_next_run_finishes(blend, tmp_path, rng):
     found = kills.kill_renders(blend, tmp_path / "kills", 20 if STRESS else 2, rng)
     assert found.faults == []
 
 
 @posix_alone
+@pytest.mark.property
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks at processes as Linux shows them")
 def test_killed_windows_leave_no_process_and_no_file(blend, tmp_path, rng):
     found = kills.kill_windows(blend, tmp_path / "kills", 10 if STRESS else 2, rng)

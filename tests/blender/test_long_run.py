@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -15,11 +14,12 @@ pytest.importorskip("bpy")
 pytest.importorskip("OpenEXR")
 
 from ssgi_addon.child import environment
+from tests import budget
 from tests.blender.extension_fixtures import installed_extension  # noqa: F401  (a fixture)
 from tests.tolerances import GROWTH_OF_A_SHORT_RUN, MEMORY_GROWTH
 
 ROOT = Path(__file__).resolve().parents[2]
-STRESS = bool(os.environ.get("SSGI_STRESS"))
+STRESS = budget.times() > 1
 FRAMES, WARM = (200, 20) if STRESS else (40, 20)
 linux_alone = pytest.mark.skipif(
     not sys.platform.startswith("linux"), reason="reads memory as Linux tells it"
@@ -27,6 +27,7 @@ linux_alone = pytest.mark.skipif(
 
 
 @linux_alone
+@pytest.mark.property
 def test_memory_does_not_grow_with_frames():
     command = [sys.executable, "-m", "benchmarks.long_run", "--case", "job", "--frames", str(FRAMES)]
     done = subprocess.run(command, cwd=ROOT, env=environment(), capture_output=True, text=True, check=False)

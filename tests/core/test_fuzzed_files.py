@@ -3,17 +3,17 @@
 
 from __future__ import annotations
 
-import os
-
 import pytest
 
 pytest.importorskip("OpenEXR")
 
+from tests import budget
 from tests.faults.fuzz_cli import run_cases
 
-CASES = 20000 if os.environ.get("SSGI_STRESS") else 250
+CASES = 250 * budget.times()
 
 
+@pytest.mark.property
 def test_damaged_files_end_in_a_result_or_in_one_clear_line(tmp_path):
     """Through `apply` and `compare`, EXR and JSON.
 

@@ -27,6 +27,15 @@ def build_closed_room() -> bpy.types.Scene:
     return scene
 
 
+def build_moving_room() -> bpy.types.Scene:
+    """A room in which the camera moves from frame 1 to 3: frames differ."""
+    scene = build_closed_room()
+    scene.camera.keyframe_insert("location", frame=1)
+    scene.camera.location.x += 0.5
+    scene.camera.keyframe_insert("location", frame=3)
+    return scene
+
+
 def build_emissive_room() -> bpy.types.Scene:
     """The closed room lit by a glowing mesh in view instead of a lamp."""
     scene = new_scene("Emissive Room")
