@@ -17,7 +17,7 @@ export SSGI_SCENES ?= $(abspath $(SHARED_SCENES))
 endif
 
 # How many times their examples property tests try
-TIMES ?= 20
+TIMES ?= 5
 
 .PHONY: help env demo test stress lint bench bench-tracer pictures docs package wheel clean
 
@@ -25,7 +25,7 @@ help:
 	@echo "make env      environment with Blender as a Python module, in $(VENV)"
 	@echo "make demo     the whole job on the demo scene; prints where the picture is"
 	@echo "make test     all tests (ARGS='-k name' for some)"
-	@echo "make stress   property tests with 20 times their examples (ten minutes; TIMES=100: more; ARGS='-k any_')"
+	@echo "make stress   property tests with 5 times their examples (ten minutes; TIMES=100: more; ARGS='-k any_')"
 	@echo "make lint     style and types"
 	@echo "make bench    error against time, ours and Blender's own ways, in bench/index.html (ARGS=--quick: minutes)"
 	@echo "make bench-tracer  speed and memory of the tracer, in benchmarks/results (minutes; keep the machine quiet)"
