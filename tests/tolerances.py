@@ -61,6 +61,9 @@ PEELED_LIGHT = 1e-5
 # Distances along rays, relative, after a float64 walk and its scalar twin, which sum in another order.
 FLOAT64_DISTANCE = 1e-6
 
+# What some dozens of roundings of float64 make of a place or a direction of order 1.
+FLOAT64_ROUNDINGS = 1e-14
+
 # The same after a float32 walk, and the share of rays that rounding sends through another cell, so that they
 # meet another surface of a rough depth field.
 FLOAT32_DISTANCE = 1e-4
