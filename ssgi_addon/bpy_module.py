@@ -3,9 +3,13 @@
 
 from __future__ import annotations
 
+import atexit
 import importlib
+import os
 import re
+import shutil
 import sys
+from typing import NoReturn
 
 from .errors import SSGIError
 
@@ -47,6 +51,23 @@ def require_bpy() -> None:
         ) from error
     except ImportError as error:
         raise SSGIError(explain_import_error(str(error))) from error
+
+
+def leave(status: int) -> NoReturn:
+    """End this process.
+
+    Blender 4.5 as a module waits in its exit handlers for a thread of its own, forever, once it has opened a
+    file with drivers. So it does not get to them; only its folder for temporary files goes.
+    """
+    bpy = sys.modules.get("bpy")
+    if bpy is None or not bpy.app.module or bpy.app.version >= (5, 0):
+        sys.exit(status)
+    folder = bpy.app.tempdir
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        stream.flush()
+    shutil.rmtree(folder, ignore_errors=True)
+    os._exit(status)
 
 
 def explain_import_error(text: str) -> str:

@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 from . import __version__
 from .arguments import add_autoexec, add_option, frame_range, integer, resolution, whole_number
 from .bench.command import add_bench
-from .bpy_module import require_bpy
+from .bpy_module import leave, require_bpy
 from .child import ERROR_MARK
 from .core import Settings
 from .core.metrics import KNOWN_ENOUGH, compare_images
@@ -74,7 +74,7 @@ def _fail(progress: Progress, reason: str) -> int:
 
 def console() -> None:
     """Entry point of the installed ``ssgi`` command."""
-    sys.exit(main())
+    leave(main())
 
 
 class _Parser(argparse.ArgumentParser):

@@ -128,6 +128,9 @@ class DiffusePass:
         environment = parts[2] if len(parts) > 2 else dark
         if self.bright_sky is not None:
             radiance, environment = radiance + self.bright[0], environment + self.bright[0]
+        # Shares of slices are rounded up or down by chance: what is lit may pass the whole, and what is left
+        # to the sky is less than nothing. Only their sum is right, so nothing is cut off before it.
+        radiance, environment = np.maximum(radiance, 0.0), np.maximum(environment, 0.0)
         return DiffuseLight(radiance, environment, np.minimum(visibility[:, 0], 1.0), known)
 
     def handed_on(self) -> FloatArray:
@@ -137,6 +140,7 @@ class DiffusePass:
             (light,) = self._smooth(home, [light], GEOMETRIC_LEVELS)
             if self.bright_sky is not None:
                 light = light + self.bright[home]
+            light = np.maximum(light, 0.0)
             table[self.scene.front_texels(home)][self.pixels[home]] = light
         return table
 
@@ -216,7 +220,7 @@ class DiffusePass:
                 received = received + bright[where]
             brighter = source.take(pixel, axis=0) + albedo.take(pixel, axis=0) * received
             # Colours above 1 let light grow from bounce to bounce
-            handed_on[pixel] = np.minimum(brighter, LARGEST, out=brighter)
+            handed_on[pixel] = np.clip(brighter, 0.0, LARGEST, out=brighter)
 
         parallel.run_chunks(
             work, parallel.split(np.arange(pixels.size), parallel.RAYS_PER_TASK), self.settings.threads

@@ -90,8 +90,6 @@ def sample_slices(
         beyond = answers.texel if has_views else None
     sky = np.zeros((pixel.size, 3), dtype=scene.dtype)
     if environment is not None:
-        # Shares are rounded up or down by chance: what is lit may pass the whole
-        brings = np.maximum(brings, 0.0)
         radiance = environment.radiance(*(np.zeros((3, pixel.size)) if direction is None else direction))
         sky += brings[:, None] * radiance
     samples = SliceSamples(

@@ -103,8 +103,9 @@ def test_preference_of_a_blender_does_not_count_for_the_module(blend, traps, tmp
 import sys
 import bpy
 bpy.context.preferences.filepaths.use_scripts_auto_execute = True
+from ssgi_addon.bpy_module import leave
 from ssgi_addon.cli import main
-sys.exit(main(["render", {str(blend)!r}, "--output", {str(tmp_path / "out")!r}, *{TINY!r}]))
+leave(main(["render", {str(blend)!r}, "--output", {str(tmp_path / "out")!r}, *{TINY!r}]))
 """
     assert run([sys.executable, "-c", script]).returncode == 0
     assert list(traps.iterdir()) == []
