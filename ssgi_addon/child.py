@@ -153,12 +153,15 @@ class Child:
 
 @contextmanager
 def ended_with_parent(clean: Callable[[], None]) -> Iterator[None]:
-    """End this process, after `clean`, if its input closes during the block: its parent is gone then."""
+    """End this process, after `clean`, if its input closes during the block: its parent is gone then.
+
+    Where the block ends by itself first, as by writing to a parent that is gone, it is cleaned up as well.
+    """
     is_done = threading.Event()
 
     def watch() -> None:
         while not is_done.is_set():
-            if _input_closes():
+            if _input_closes(_LOOK):
                 clean()
                 os._exit(1)
 
@@ -170,11 +173,13 @@ def ended_with_parent(clean: Callable[[], None]) -> Iterator[None]:
         is_done.set()
         if _CAN_LOOK:  # Blender 4.5 as a module would not end with the thread alive
             watcher.join()
+            if _input_closes(0.0):
+                clean()
 
 
-def _input_closes() -> bool:
-    """Look for a moment, or where the system has no way to, until something comes."""
-    if _CAN_LOOK and not select.select([0], [], [], _LOOK)[0]:
+def _input_closes(seconds: float) -> bool:
+    """Look for so long, or where the system has no way to, until something comes."""
+    if _CAN_LOOK and not select.select([0], [], [], seconds)[0]:
         return False
     return not os.read(0, 1)
 
