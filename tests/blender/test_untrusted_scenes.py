@@ -118,12 +118,13 @@ def test_benchmark_runs_scripts_only_where_the_user_says_so(blend, traps, tmp_pa
     write_task(Task("measure", options, SceneSource("room", blend), 0.0), path)
     script = f"""
 from pathlib import Path
-from ssgi_addon.bpy_module import require_bpy
+from ssgi_addon.bpy_module import leave, require_bpy
 require_bpy()
 from ssgi_addon.bench.tasks import read_task
 from ssgi_addon.blender.bench_worker import open_source
 task = read_task(Path({str(path)!r}))
 open_source(task.source, enable_autoexec=task.options.enable_autoexec)
+leave(0)
 """
     done = run([sys.executable, "-c", script])
     assert done.returncode == 0, done.stderr
