@@ -153,11 +153,11 @@ def open_scene(name: str) -> bpy.types.Scene:
     """Open a scene in this process's Blender."""
     import bpy
 
-    from ssgi_addon.blender import job
+    from ssgi_addon.blender import scene_file
     from tests.scenes.glossy_floor import build_glossy_floor
 
     if not name.startswith(_FLOOR):
-        job.open_scene(SCENES / f"{name}.blend")
+        scene_file.open_scene(SCENES / f"{name}.blend")
         return bpy.context.scene
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     return build_glossy_floor(float(name.removeprefix(_FLOOR)))

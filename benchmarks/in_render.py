@@ -28,7 +28,7 @@ from benchmarks.inputs import SCENES, parse_size
 from ssgi_addon import properties
 from ssgi_addon.blender import in_render
 from ssgi_addon.blender.cycles_passes import cycles_engine
-from ssgi_addon.blender.job import open_scene
+from ssgi_addon.blender.scene_file import open_scene
 from ssgi_addon.core.settings import PRESETS
 
 

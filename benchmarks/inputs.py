@@ -164,14 +164,14 @@ def _capture(size: Size, name: str) -> CapturedFrame:
     require_bpy()
     import bpy
 
-    from ssgi_addon.blender import demo_scene, job
+    from ssgi_addon.blender import demo_scene, scene_file
     from ssgi_addon.blender.capture import CaptureOptions, capture_frame
 
     if name == "demo":
         bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
         scene = demo_scene.build_demo_scene()
     else:
-        job.open_scene(SCENES / f"{name}.blend")
+        scene_file.open_scene(SCENES / f"{name}.blend")
         scene = bpy.context.scene
     # Geometry is what matters
     return capture_frame(scene, CaptureOptions(samples=1, denoiser="none", resolution=size))

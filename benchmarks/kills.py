@@ -49,12 +49,9 @@ def _save_room(path: Path) -> Path:
     require_bpy()
     import bpy
 
-    from tests.scenes import build_closed_room
+    from tests.scenes import build_moving_room
 
-    scene = build_closed_room()
-    scene.camera.keyframe_insert("location", frame=1)
-    scene.camera.location.x += 0.6
-    scene.camera.keyframe_insert("location", frame=3)
+    build_moving_room()
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     return path
 

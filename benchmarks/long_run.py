@@ -107,14 +107,10 @@ def _moving_room(frames: int):
     require_bpy()
     import bpy
 
-    from tests.scenes import build_closed_room
+    from tests.scenes import build_moving_room
 
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
-    scene = build_closed_room()
-    scene.camera.keyframe_insert("location", frame=1)
-    scene.camera.location.x += 0.6
-    scene.camera.keyframe_insert("location", frame=frames)
-    return scene
+    return build_moving_room(frames)
 
 
 def _resident_mb() -> float:

@@ -210,10 +210,10 @@ def _capture(size: Size, name: str) -> None:
     require_bpy()
     import bpy
 
-    from ssgi_addon.blender import job
+    from ssgi_addon.blender import scene_file
     from ssgi_addon.blender.capture import CaptureOptions, capture_frame
 
-    job.open_scene(SCENES / f"{name}.blend")
+    scene_file.open_scene(SCENES / f"{name}.blend")
     options = CaptureOptions(samples=_SAMPLES, denoiser="fast", resolution=size)
     frame = capture_frame(bpy.context.scene, options)
     path = _path(size, name)

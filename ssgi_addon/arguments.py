@@ -8,7 +8,8 @@ import re
 from collections.abc import Callable
 from dataclasses import fields
 
-LARGEST_SIDE = 65536
+from .core.camera import LARGEST_SIDE
+
 MOST_FRAMES = 1_000_000
 
 

@@ -64,9 +64,14 @@ def leave(status: int) -> NoReturn:
         sys.exit(status)
     folder = bpy.app.tempdir
     atexit._run_exitfuncs()
-    for stream in (sys.stdout, sys.stderr):
-        stream.flush()
     shutil.rmtree(folder, ignore_errors=True)
+    end_at_once(status)
+
+
+def end_at_once(status: int) -> NoReturn:
+    """End this process without exit handlers, Python's and Blender's."""
+    sys.stdout.flush()
+    sys.stderr.flush()
     os._exit(status)
 
 

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from .core import Camera
+from .core.camera import LARGEST_SIDE
 from .errors import SSGIError
-from .exr_header import LARGEST_SIDE
 
 PROJECTIONS = ("perspective", "orthographic")
 # Beyond these no pixel of a float32 picture is where the camera says: places and distances in pixels or scene

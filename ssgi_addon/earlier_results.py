@@ -91,7 +91,7 @@ def recipe_hash(recipe: Recipe) -> str:
 
 def _is_finished(options: JobOptions, stem: str, recipe: Recipe) -> bool:
     """Whether all that is written of a frame is there; each kind's last file stands for the others."""
-    if _recipe_of(options.output / f"{stem}.exr") != json.loads(recipe_text(recipe)):
+    if _recipe_of(options.output / f"{stem}.exr") != recipe:
         return False
     if options.save_passes and not (options.output / "passes" / f"{stem}.json").exists():
         return False
@@ -99,24 +99,24 @@ def _is_finished(options: JobOptions, stem: str, recipe: Recipe) -> bool:
 
 
 def _recipe_of(path: Path) -> dict[str, Any] | None:
-    """Return what a result was made with; None where it is not whole, or says nothing."""
+    """Return what a result was made with, nothing where it does not say; None where it is not whole."""
     try:
-        recipe = json.loads(read_headers(path)[0].texts[RECIPE])
-    except (SSGIError, KeyError, ValueError):
+        told = read_headers(path)[0].texts.get(RECIPE, "")
+    except SSGIError:
         return None
-    return recipe if isinstance(recipe, dict) else None
+    try:
+        recipe = json.loads(told)
+    except ValueError:
+        return {}
+    return recipe if isinstance(recipe, dict) else {}
 
 
 def _refuse_other_recipe(path: Path, recipe: Recipe) -> None:
     """Raise where a whole result was made otherwise; one that is not whole will be rendered anew."""
-    try:
-        read_headers(path)
-    except SSGIError:
-        return
     found = _recipe_of(path)
-    differences = ["no settings"] if found is None else list(_differences(found, recipe))
-    if not differences:
+    if found is None or found == recipe:
         return
+    differences = list(_differences(found, recipe)) if found else ["no settings"]
     named, more = ", ".join(differences[:_NAMED_DIFFERENCES]), len(differences) - _NAMED_DIFFERENCES
     others = f" and {more} more" if more > 0 else ""
     raise SSGIError(

@@ -65,7 +65,7 @@ def write_layers(
     metadata: Mapping[str, str] | None = None,
     *,
     letters: Mapping[str, str] | None = None,
-    compress: bool = True,
+    is_lasting: bool = True,
 ) -> None:
     """Write arrays as the layers of one EXR file, losslessly, in 32-bit float.
 
@@ -79,8 +79,9 @@ def write_layers(
         Text attributes of the file.
     letters
         What the channels of a layer are called instead, as many as it has: ``"XYZ"``.
-    compress
-        Off for files that are read at once and thrown away.
+    is_lasting
+        Off for files that are read at once and thrown away: they are neither compressed nor brought to the
+        disk.
 
     Raises
     ------
@@ -91,8 +92,8 @@ def write_layers(
     """
     channels = _split_channels(layers, letters or {})
     write = _write_openexr if _openexr() is not None else _write_openimageio
-    with replacing(Path(path)) as temporary:
-        write(temporary, channels, dict(metadata or {}), compress)
+    with replacing(Path(path), is_lasting=is_lasting) as temporary:
+        write(temporary, channels, dict(metadata or {}), compress=is_lasting)
         _check_whole(temporary)
 
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
+from .core.camera import LARGEST_SIDE
 from .errors import SSGIError
 
 MAGIC = b"\x76\x2f\x31\x01"
@@ -24,7 +25,6 @@ FLAG_TILED, FLAG_DEEP, FLAG_MULTIPART = 0x200, 0x800, 0x1000
 LINES_PER_CHUNK = (1, 1, 1, 16, 32, 16, 32, 32, 32, 256)
 BYTES_PER_VALUE = (4, 2, 4)  # UINT, HALF, FLOAT
 
-LARGEST_SIDE = 65536
 LARGEST_HEADER = 1 << 22
 MOST_CHANNELS = 16384
 # Deflate shrinks at most 1032 times, and no compression up to PIZ does more: what claims to hold more is no

@@ -32,12 +32,12 @@ _count = itertools.count()
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def replacing(path: Path, *, is_lasting: bool = True) -> Iterator[Path]:
     """Give a temporary name beside `path`; move it there when the block ends well.
 
     A reader, and a run that is killed at any moment, finds either the old file or the new one; after a
-    loss of power, too. The temporary name begins with a dot and ends in ``.tmp``, so no listing of results
-    picks it up.
+    loss of power, too, if it is to last. The temporary name begins with a dot and ends in ``.tmp``, so no
+    listing of results picks it up.
 
     Raises
     ------
@@ -48,7 +48,8 @@ def replacing(path: Path) -> Iterator[Path]:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
-        _flush(temporary)
+        if is_lasting:
+            _flush(temporary)
         _move(temporary, path)
     except OSError as error:
         reason = error.strerror or str(error)
@@ -111,15 +112,16 @@ def new_folder(parent: Path) -> Path:
     OSError
         If it cannot be made.
     """
-    for path in parent.glob(f"{_MARK}-*-*-*"):
-        if _is_of_a_dead_run(path) and path.is_dir() and not path.is_symlink():
-            shutil.rmtree(path, ignore_errors=True)
-    return Path(tempfile.mkdtemp(prefix=f"{_MARK}-{_host()}-{os.getpid()}-", dir=parent))
+    _discard_dead_folders(parent)
+    return _make_folder(parent)
 
 
 @contextmanager
 def scratch_folder() -> Iterator[Path]:
     """Give a folder among the system's temporary files; it is gone when the block ends.
+
+    Frames take several. So what dead processes left there is looked for once in a process: there may be many
+    files of others.
 
     Raises
     ------
@@ -127,7 +129,7 @@ def scratch_folder() -> Iterator[Path]:
         If it cannot be made.
     """
     try:
-        folder = new_folder(Path(tempfile.gettempdir()))
+        folder = _make_folder(_tidied(Path(tempfile.gettempdir())))
     except OSError as error:
         raise SSGIError(
             f"cannot make a temporary folder: {error.strerror or error}; make room there, or set TMPDIR to "
@@ -166,6 +168,23 @@ def read_json(path: Path) -> Any:
         raise SSGIError(f"cannot read {path}: {error.strerror or error}; check the path") from error
     except (ValueError, RecursionError) as error:
         raise SSGIError(f"{path} is not a JSON file ({error}); write it again") from error
+
+
+def _make_folder(parent: Path) -> Path:
+    return Path(tempfile.mkdtemp(prefix=f"{_MARK}-{_host()}-{os.getpid()}-", dir=parent))
+
+
+@cache
+def _tidied(parent: Path) -> Path:
+    """Return a folder from which this process has deleted what dead ones left."""
+    _discard_dead_folders(parent)
+    return parent
+
+
+def _discard_dead_folders(parent: Path) -> None:
+    for path in parent.glob(f"{_MARK}-*-*-*"):
+        if _is_of_a_dead_run(path) and path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
 
 
 def _flush(path: Path) -> None:

@@ -148,7 +148,7 @@ def denoise_picture(
         borrow_denoiser(restorer, scene, scene.view_layers[0], denoiser)
         restorer.change(scene.cycles, denoising_input_passes="RGB_ALBEDO_NORMAL")
         noisy, clean = folder / "noisy.exr", folder / "clean.exr"
-        write_layers(noisy, layers, metadata, letters=letters, compress=False)
+        write_layers(noisy, layers, metadata, letters=letters, is_lasting=False)
         _denoise_file(scene, noisy, clean)
         denoised = read_layers(clean)["Combined"]
     return np.maximum(np.nan_to_num(denoised, copy=False, posinf=0.0, neginf=0.0), 0.0)

@@ -6,12 +6,12 @@ from __future__ import annotations
 import atexit
 import os
 import shutil
-import sys
 from pathlib import Path
 from typing import NoReturn
 
 import bpy
 
+from ..bpy_module import end_at_once
 from ..child import ended_with_parent
 from ..errors import SSGIError
 from ..files import discard_unfinished
@@ -32,7 +32,8 @@ def work(task_path: Path) -> NoReturn:
     SSGIError
         If the copy cannot be opened or rendered as in the window, or a result cannot be written.
     """
-    atexit.register(_end, 1)  # after an error
+    # How Blender itself ends must change nothing: also after an error
+    atexit.register(end_at_once, 1)
     task = read_task(task_path)
 
     def clean() -> None:
@@ -54,11 +55,4 @@ def work(task_path: Path) -> NoReturn:
                 "Auto Run Python Scripts in the preferences (Save & Load)"
             )
         render_frames(scene, task.options, tell)
-    _end(0)
-
-
-def _end(status: int) -> NoReturn:
-    """End at once: how Blender itself ends must change nothing, and 4.5 as a module may wait for ever."""
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(status)
+    end_at_once(0)

@@ -19,14 +19,13 @@ pytest.importorskip("OpenEXR")
 from ssgi_addon.blender.background import BackgroundRender, blender_options
 from ssgi_addon.blender.job import render_frames
 from ssgi_addon.child import environment, ssgi_command
-from ssgi_addon.core import Settings
 from ssgi_addon.errors import SSGIError
 from ssgi_addon.exr import read_layers
-from ssgi_addon.job_options import JobOptions
 from ssgi_addon.progress import understand
 from ssgi_addon.render_task import COMMAND, RenderTask, write_task
 from tests.blender.extension_fixtures import installed_extension  # noqa: F401  (a fixture)
 from tests.blender.fingerprint import changes, fingerprint
+from tests.blender.small_jobs import small_job
 from tests.scenes import build_closed_room
 
 # Seconds after which what a test waits for counts as never coming
@@ -40,18 +39,7 @@ def room(empty_file):
 
 @pytest.fixture
 def options(tmp_path):
-    return JobOptions(
-        output=tmp_path / "results",
-        settings=Settings.preset("draft"),
-        resolution=(48, 27),
-        frames=(1,),
-        samples=1,
-        denoiser="none",
-        fill=0,
-        surround=0,
-        stations=0,
-        back_faces=False,
-    )
+    return small_job(tmp_path / "results", frames=(1,), back_faces=False)
 
 
 @pytest.fixture

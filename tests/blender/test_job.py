@@ -14,16 +14,13 @@ pytest.importorskip("OpenEXR")
 
 from ssgi_addon.blender import job
 from ssgi_addon.blender.job import render_frame, render_frames
-from ssgi_addon.core import Settings
 from ssgi_addon.earlier_results import was_skipped
 from ssgi_addon.errors import SSGIError
 from ssgi_addon.exr import read_layers
-from ssgi_addon.job_options import JobOptions
 from tests.blender.fingerprint import changes, fingerprint
+from tests.blender.small_jobs import small_job
 from tests.blender.test_roughness import add_tile, look_down, material_of
 from tests.scenes import build_mirror_floor, build_moving_room
-
-SIZE = (48, 27)
 
 
 @pytest.fixture
@@ -35,19 +32,14 @@ def room(empty_file):
 
 @pytest.fixture
 def options(tmp_path):
-    return JobOptions(
-        output=tmp_path / "results",
-        settings=Settings.preset("draft"),
-        resolution=SIZE,
-        samples=1,
+    return small_job(
+        tmp_path / "results",
+        denoiser="fast",
         own_geometry=True,
         budget=1000.0,
-        fill=0,
         mirrors_only=False,
         surround=8,
-        stations=0,
         back_faces=False,
-        reference_samples=1,
     )
 
 

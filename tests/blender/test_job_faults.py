@@ -20,13 +20,12 @@ from ssgi_addon.blender import job
 from ssgi_addon.blender.cycles_passes import cycles_engine
 from ssgi_addon.blender.job import render_frames
 from ssgi_addon.child import environment
-from ssgi_addon.core import Settings
 from ssgi_addon.errors import SSGIError
 from ssgi_addon.exr import read_layers
-from ssgi_addon.job_options import JobOptions
 from ssgi_addon.passes import read_passes
 from tests import budget
 from tests.blender.fingerprint import changes, fingerprint
+from tests.blender.small_jobs import small_job
 from tests.core.test_disk_faults import error_of, small_disk  # noqa: F401  (a fixture)
 from tests.faults import kills
 from tests.scenes import build_closed_room, build_moving_room
@@ -45,19 +44,7 @@ def room(empty_file):
 
 @pytest.fixture
 def options(tmp_path):
-    return JobOptions(
-        output=tmp_path / "results",
-        settings=Settings.preset("draft"),
-        resolution=(48, 27),
-        samples=1,
-        denoiser="none",
-        fill=0,
-        surround=0,
-        stations=0,
-        frames=(1, 2),
-        keep_world=False,
-        reference_samples=1,
-    )
+    return small_job(tmp_path / "results", frames=(1, 2), keep_world=False)
 
 
 @pytest.fixture

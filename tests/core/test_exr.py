@@ -74,7 +74,7 @@ def test_letters_and_compression_are_those_asked_for(tmp_path, layers):
         *layers["visibility"].shape, 4
     )
     layers = {**layers, "Vector": motion}
-    write_layers(tmp_path / "a.exr", layers, letters={"Vector": "XYZW"}, compress=False)
+    write_layers(tmp_path / "a.exr", layers, letters={"Vector": "XYZW"}, is_lasting=False)
     header = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True)
     assert {f"ssgi.Vector.{letter}" for letter in "XYZW"} <= header.channels().keys()
     assert header.header()["compression"] == OpenEXR.NO_COMPRESSION

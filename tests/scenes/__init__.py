@@ -27,12 +27,12 @@ def build_closed_room() -> bpy.types.Scene:
     return scene
 
 
-def build_moving_room() -> bpy.types.Scene:
-    """A room in which the camera moves from frame 1 to 3: frames differ."""
+def build_moving_room(frames: int = 3) -> bpy.types.Scene:
+    """A room in which the camera moves from frame 1 to the last: frames differ."""
     scene = build_closed_room()
     scene.camera.keyframe_insert("location", frame=1)
     scene.camera.location.x += 0.5
-    scene.camera.keyframe_insert("location", frame=3)
+    scene.camera.keyframe_insert("location", frame=frames)
     return scene
 
 
