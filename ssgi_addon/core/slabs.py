@@ -231,8 +231,11 @@ class SlabTest:
         """Convert s back to distance: t = s / q(s), orthographic t = s."""
         if self.stack.is_orthographic:
             return s
-        distance: FloatArray = s / (state[Q0] + state[VQ] * s)
-        return distance
+        q = state[Q0] + state[VQ] * s
+        with np.errstate(divide="ignore"):
+            distance: FloatArray = s / q
+        # At the vanishing point rounding may leave less than nothing of q
+        return np.where(q > 0.0, distance, np.inf)
 
 
 def _cells_from_origin(state: FloatArray) -> FloatArray:

@@ -203,6 +203,8 @@ def compared_runs(tmp_path_factory):
 def test_files_that_may_not_grow_leave_what_was_there(compared, tmp_path, kilobytes):
     """Pictures, sheets and reports: each is the old one or the new one, and the error says which failed."""
     command, old, new, folder = compared
+    if kilobytes << 10 >= max(map(len, new.values())):
+        pytest.skip("no file is larger")
     output = tmp_path / "out"
     shutil.copytree(folder, output)
     done = subprocess.run(
