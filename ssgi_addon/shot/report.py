@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""One report of a shot, as plain data: that of ``shot_report.json``, which page and picture show."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+from .flicker import Flicker
+from .frame_ranges import frame_ranges
+from .manifests import FRAMES_FOLDER, Manifest, Shot, Unread
+from .throughput import throughput
+
+Report = dict[str, Any]
+Row = dict[str, Any]
+
+FORMAT, VERSION = "ssgi-shot", 1
+FINISHED, FAILED, MISSING = "finished", "failed", "missing"
+#: The steps that a frame's time is made of, in their order; what is left of the total is `OTHER`.
+MAIN_STEPS = ("capture", "passes", "denoise", "write")
+OTHER = "other"
+# A shot's worst frames by each figure: one in so many, but no more than `_MOST_WORST`
+_WORST_SHARE, _MOST_WORST = 10, 5
+
+
+def build_report(
+    shot: Shot,
+    expected: Sequence[int] | None,
+    flicker: Mapping[int, Flicker],
+    unread: Iterable[Unread] = (),
+) -> Report:
+    """Return the report of a shot; the same inputs give the same report.
+
+    Parameters
+    ----------
+    shot
+        What was read.
+    expected
+        Frames that should be there; None means those that are.
+    flicker
+        By frame, where it could be told.
+    unread
+        Files beside the manifests that could not be read.
+    """
+    frames = all_frames(shot, expected)
+    finished = finished_of(shot, frames)
+    rows = [_row(shot, frame, flicker.get(frame)) for frame in frames]
+    unread = (*shot.unread, *unread)
+    counts = {state: sum(row["state"] == state for row in rows) for state in (FINISHED, FAILED, MISSING)}
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "name": shot.name,
+        "expected": None if expected is None else frame_ranges(expected),
+        "counts": {**counts, "unread": sum(entry.counts for entry in unread)},
+        "failed": _ranges_of(rows, FAILED),
+        "missing": _ranges_of(rows, MISSING),
+        "seconds": _seconds(rows),
+        "throughput": throughput(finished),
+        "peak_memory_mb": max(_told(rows, "peak_memory_mb").values(), default=None),
+        "known": _summary(_told(rows, "known"), min),
+        "error": _summary(_told(rows, "error"), max),
+        "flicker": _summary(_told(rows, "flicker"), max),
+        "worst": _worst(rows),
+        "settings": _settings(finished),
+        "versions": _kinds(finished, "versions", lambda one: one.versions),
+        "shots": _kinds(finished, "shot", lambda one: one.shot),
+        "machines": _machines(finished),
+        "skipped": _grouped((dict(entry), one.frame) for one in finished for entry in one.record["skipped"]),
+        "notes": _grouped(({"note": note}, one.frame) for one in finished for note in one.record["notes"]),
+        "unread": _unread(unread),
+        "frames": rows,
+    }
+
+
+def all_frames(shot: Shot, expected: Sequence[int] | None) -> list[int]:
+    """Return the numbers of all frames that are there or should be; with `expected`, of those alone."""
+    return sorted(set(shot.manifests if expected is None else expected))
+
+
+def finished_of(shot: Shot, frames: Iterable[int]) -> list[Manifest]:
+    """Return the manifests of those of some frames that are finished."""
+    found = (shot.manifests.get(frame) for frame in frames)
+    return [manifest for manifest in found if manifest is not None and manifest.record]
+
+
+def is_mixed(report: Report) -> list[str]:
+    """Return of which things the frames should share there are several."""
+    return [name for name in ("settings", "versions", "shots") if len(report[name]) > 1]
+
+
+def _row(shot: Shot, frame: int, flicker: Flicker | None) -> Row:
+    """Return a frame's entry."""
+    manifest = shot.manifests.get(frame)
+    if manifest is None:
+        return {"frame": frame, "state": MISSING}
+    row = {
+        "frame": frame,
+        "state": FAILED,
+        "machine": manifest.machine,
+        "finished": manifest.finished.isoformat() if manifest.finished else None,
+        "process": manifest.process,
+        "settings_hash": manifest.settings_hash,
+    }
+    record = manifest.record
+    if record is None:
+        return {**row, "failure": manifest.failure}
+    error = ((record["metrics"] or {}).get("combined") or {}).get("relmse")
+    return {
+        **row,
+        "state": FINISHED,
+        "picture": f"{FRAMES_FOLDER}/{manifest.stem}.png",
+        "seconds": record["seconds"],
+        "steps": _steps(record["seconds"]),
+        "peak_memory_mb": record["peak_memory_mb"],
+        "known": record["known"],
+        "error": error,
+        "flicker": flicker.value if flicker else None,
+        "flicker_seen": flicker.seen if flicker else None,
+        "metrics": record["metrics"],
+        "skipped": record["skipped"],
+        "notes": record["notes"],
+    }
+
+
+def _steps(seconds: Mapping[str, float]) -> dict[str, float]:
+    """Return what a frame's total is made of."""
+    steps = {name: seconds[name] for name in MAIN_STEPS if name in seconds}
+    return {**steps, OTHER: max(0.0, seconds["total"] - sum(steps.values()))}
+
+
+def _told(rows: Iterable[Row], name: str) -> dict[int, float]:
+    """Return a figure of the frames that have it."""
+    return {row["frame"]: row[name] for row in rows if row.get(name) is not None}
+
+
+def _totals(rows: Iterable[Row]) -> dict[int, float]:
+    return {row["frame"]: row["seconds"]["total"] for row in rows if row["state"] == FINISHED}
+
+
+def _seconds(rows: Sequence[Row]) -> dict[str, Any]:
+    totals = _totals(rows)
+    steps = {
+        name: sum(row["steps"].get(name, 0.0) for row in rows if row["state"] == FINISHED)
+        for name in (*MAIN_STEPS, OTHER)
+    }
+    return {"sum": sum(totals.values()), **_summary(totals, max), "steps": steps}
+
+
+def _summary(values: Mapping[int, float], worst: Callable[..., float]) -> dict[str, Any]:
+    """Return median, and the worst one with its frame; None where nothing is told."""
+    if not values:
+        return {"frames": 0, "median": None, "worst": None, "worst_frame": None}
+    extreme = worst(values.values())
+    frame = next(number for number, value in values.items() if value == extreme)
+    median = statistics.median(values.values())
+    return {"frames": len(values), "median": median, "worst": extreme, "worst_frame": frame}
+
+
+def _worst(rows: Sequence[Row]) -> dict[str, list[dict[str, float]]]:
+    """Return the worst frames by each figure, the worst first: of those that are worse than the median."""
+    # Known is the better, the more
+    figures = (
+        ("error", _told(rows, "error"), 1),
+        ("flicker", _told(rows, "flicker"), 1),
+        ("seconds", _totals(rows), 1),
+        ("known", _told(rows, "known"), -1),
+    )
+    found = {}
+    for name, values, sign in figures:
+        ranked = sorted(values.items(), key=lambda item: -sign * item[1])
+        middle = statistics.median(values.values()) if values else 0.0
+        most = min(_MOST_WORST, -(-len(ranked) // _WORST_SHARE))
+        worse = [(frame, value) for frame, value in ranked[:most] if sign * value > sign * middle]
+        found[name] = [{"frame": frame, "value": value} for frame, value in worse]
+    return found
+
+
+def _settings(finished: Iterable[Manifest]) -> list[dict[str, Any]]:
+    """Return each kind of settings, by its hash: the most frequent first."""
+    found = _kinds(finished, "hash", lambda one: one.settings_hash)
+    of_hash = {one.settings_hash: one.settings for one in finished}
+    return [{**entry, "settings": of_hash[entry["hash"]]} for entry in found]
+
+
+def _kinds(finished: Iterable[Manifest], name: str, kind: Callable[[Manifest], Any]) -> list[dict[str, Any]]:
+    """Return each value that frames have, with its frames: the most frequent first."""
+    groups: list[tuple[Any, list[int]]] = []
+    for manifest in finished:
+        value = kind(manifest)
+        for other, frames in groups:
+            if other == value:
+                frames.append(manifest.frame)
+                break
+        else:
+            groups.append((value, [manifest.frame]))
+    groups.sort(key=lambda group: (-len(group[1]), group[1][0]))
+    return [{name: value, "frames": frame_ranges(frames)} for value, frames in groups]
+
+
+def _machines(finished: Iterable[Manifest]) -> list[dict[str, Any]]:
+    by_name: dict[str, list[Manifest]] = {}
+    for manifest in finished:
+        by_name.setdefault(manifest.machine, []).append(manifest)
+    return [
+        {
+            "machine": name,
+            "count": len(own),
+            "frames": frame_ranges(manifest.frame for manifest in own),
+            "processes": len({manifest.process for manifest in own}),
+            "seconds": sum(manifest.seconds["total"] for manifest in own),
+            "median": statistics.median(manifest.seconds["total"] for manifest in own),
+        }
+        for name, own in sorted(by_name.items())
+    ]
+
+
+def _grouped(entries: Iterable[tuple[dict[str, str], int]]) -> list[dict[str, Any]]:
+    """Return what several frames say once, with their numbers: the most frequent first."""
+    groups: dict[tuple[tuple[str, str], ...], set[int]] = {}
+    for entry, frame in entries:
+        groups.setdefault(tuple(sorted(entry.items())), set()).add(frame)
+    ordered = sorted(groups.items(), key=lambda group: (-len(group[1]), group[0]))
+    return [
+        {**dict(entry), "count": len(frames), "frames": frame_ranges(frames)} for entry, frames in ordered
+    ]
+
+
+def _unread(entries: Iterable[Unread]) -> list[dict[str, Any]]:
+    """Return the reasons why files could not be read, each with its files."""
+    reasons: dict[str, list[str]] = {}
+    for entry in entries:
+        reasons.setdefault(entry.why, []).append(entry.file)
+    return [{"why": why, "files": sorted(files)} for why, files in reasons.items()]
+
+
+def _ranges_of(rows: Iterable[Row], state: str) -> str:
+    return frame_ranges(row["frame"] for row in rows if row["state"] == state)
