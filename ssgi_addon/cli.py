@@ -29,6 +29,7 @@ from .png import write_png
 from .progress import Progress, printable
 from .render_task import COMMAND
 from .results import OUT_OF_MEMORY, apply_passes
+from .shot.command import add_merge
 
 DONE, FAILED, BAD_USAGE = 0, 1, 2
 
@@ -94,6 +95,7 @@ def build_parser(*, inside_blender: bool = False) -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"ssgi {__version__}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     _add_render(commands, inside_blender=inside_blender)
+    add_merge(commands)
     _add_apply(commands)
     _add_compare(commands)
     add_bench(commands, inside_blender=inside_blender)

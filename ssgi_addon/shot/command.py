@@ -19,7 +19,6 @@ from .lines import problems, summary_lines
 from .manifests import read_shot
 from .page import page_of
 from .report import Report, all_frames, build_report, finished_of
-from .thumbnails import Thumbnails
 
 REPORT, PAGE, PICTURE = "shot_report.json", "shot_report.html", "shot_report.png"
 
@@ -47,7 +46,9 @@ def add_merge(commands: Any) -> None:
         help="the frames that should be there (default: those that are)",
     )
     parser.add_argument(
-        "--name", metavar="STEM", help="the scene, where the folder holds frames of several: SCENE of SCENE.blend"
+        "--name",
+        metavar="STEM",
+        help="the scene, where the folder holds frames of several",
     )
     parser.set_defaults(run=_merge)
 
@@ -78,15 +79,12 @@ def merge(
     shot = read_shot(folder, name)
     frames = all_frames(shot, expected)
     flicker, unread = measure_flicker(folder, finished_of(shot, frames), frames, progress)
-    thumbnails = Thumbnails(folder)
     if progress is not None:
         progress(0.9, "Writing")
     report = build_report(shot, expected, flicker, unread)
-    text = page_of(report, thumbnails)
-    report["unread"] += thumbnails.unread()
     write_json(folder / REPORT, report)
     with replacing(folder / PAGE) as temporary:
-        temporary.write_text(text, encoding="utf-8", errors="replace")
+        temporary.write_text(page_of(report, folder), encoding="utf-8", errors="replace")
     try:
         require_bpy()
     except SSGIError as error:
@@ -95,7 +93,7 @@ def merge(
         return Merged(report, folder / PAGE, None, str(error))
     from ..blender.shot_picture import write_shot_picture
 
-    write_shot_picture(folder / PICTURE, report, thumbnails)
+    write_shot_picture(folder / PICTURE, report, folder)
     return Merged(report, folder / PAGE, folder / PICTURE)
 
 
