@@ -16,8 +16,10 @@ def shrunk(picture: Picture, factor: int) -> Picture:
     Rows and columns that fill no whole square are left out, unless there is no other.
     """
     height, width = picture.shape[:2]
-    rows, columns = max(height // factor, 1), max(width // factor, 1)
-    part = picture[: rows * factor, : columns * factor]
-    squares = part.reshape(rows, part.shape[0] // rows, columns, part.shape[1] // columns, 3)
-    smaller: Picture = np.rint(squares.mean(axis=(1, 3))).astype(np.uint8)
-    return smaller
+    down, right = min(factor, height), min(factor, width)
+    part = picture[: height - height % down, : width - width % right]
+    total = np.full((part.shape[0] // down, part.shape[1] // right, 3), down * right // 2, dtype=np.uint32)
+    for row in range(down):
+        for column in range(right):
+            total += part[row::down, column::right]
+    return (total // (down * right)).astype(np.uint8)

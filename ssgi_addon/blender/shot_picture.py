@@ -94,9 +94,11 @@ def _small_picture(cell: Cell, folder: Path, factor: int) -> Picture | str:
     if cell.state != FINISHED:
         return str(cell.row.get("failure") or "")
     try:
-        return shrunk(read_thumbnail(folder, cell.row), factor)
+        picture = shrunk(read_thumbnail(folder, cell.row), factor)
     except SSGIError as error:
         return f"no picture: {error}"
+    grow = max(1, _LEAST_CELL_WIDTH // picture.shape[1])
+    return picture.repeat(grow, axis=0).repeat(grow, axis=1)
 
 
 def _grid(cells: Sequence[Cell], pictures: Sequence[Picture]) -> _Grid:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 
 from ..tables import number
-from .report import FINISHED, MISSING, Row
+from .report import FAILED, MISSING, Row
 
 # In the units of the drawing, which is as wide as the page
 _WIDTH, _HEIGHT = 1000.0, 190.0
@@ -54,7 +54,7 @@ def bar_chart(
     parts += [_mark(axis, place[frame], sums[place[frame]]) for frame in marked]
     parts.append(_tips(axis, rows, layers, scale, unit))
     legend = _legend(layers) if len(layers) > 1 else ""
-    alt = f"{title}, frame by frame. The numbers stand in the table of all frames."
+    alt = f"{title}, frame by frame. The numbers stand in the table below."
     return (
         f'<figure class="chart"><figcaption>{escape(title)}{legend}</figcaption>'
         f'<svg viewBox="0 0 {_WIDTH:g} {_HEIGHT:g}" role="img" aria-label="{escape(alt)}">'
@@ -108,7 +108,7 @@ def _frame_labels(axis: _Axis, rows: Sequence[Row]) -> str:
 def _gaps(axis: _Axis, rows: Sequence[Row]) -> str:
     """Draw columns where there is no picture."""
     parts = []
-    for state in (MISSING, "failed"):
+    for state in (MISSING, FAILED):
         bars = [_bar(axis, index, 0.0, axis.top) for index, row in enumerate(rows) if row["state"] == state]
         if bars:
             parts.append(f'<path class="{state}" d="{"".join(bars)}"/>')
@@ -147,14 +147,15 @@ def _tips(
     """Lay an invisible column over each frame that tells its values."""
     parts = []
     for index, row in enumerate(rows):
+        if row["state"] == MISSING:
+            continue  # there may be very many, and their column tells enough
         frame = row["frame"]
         told = [
             f"{name} {number(values[frame] * scale)} {unit}".rstrip()
             for name, values in layers.items()
             if frame in values
         ]
-        nothing = "nothing" if row["state"] == FINISHED else row["state"]
-        text = f"frame {frame}: {', '.join(told) or nothing}"
+        text = f"frame {frame}: {', '.join(told) or row['state']}"
         x = _LEFT + axis.pitch * index
         parts.append(
             f'<rect class="tip" x="{x:.2f}" y="{_TOP:g}" width="{axis.pitch:.2f}" '

@@ -54,7 +54,12 @@ def add_merge(commands: Any) -> None:
 
 
 def merge(
-    folder: Path, expected: Sequence[int] | None, name: str | None, progress: Progress | None = None
+    folder: Path,
+    expected: Sequence[int] | None,
+    name: str | None,
+    progress: Progress | None = None,
+    *,
+    draws: bool = True,
 ) -> Merged:
     """Gather the manifests of a folder to a report, a page and, where Blender is there, a picture.
 
@@ -68,6 +73,8 @@ def merge(
         Of the scene; None means the only one that is there.
     progress
         Called with a fraction and a text.
+    draws
+        Off: no picture.
 
     Raises
     ------
@@ -85,16 +92,22 @@ def merge(
     write_json(folder / REPORT, report)
     with replacing(folder / PAGE) as temporary:
         temporary.write_text(page_of(report, folder), encoding="utf-8", errors="replace")
+    why = _draw(folder, report) if draws else "it was not asked for"
+    return Merged(report, folder / PAGE, None if why else folder / PICTURE, why)
+
+
+def _draw(folder: Path, report: Report) -> str:
+    """Draw the picture, or return why that does not work here."""
     try:
         require_bpy()
     except SSGIError as error:
         # What an earlier merge drew would show other frames
         discard(folder / PICTURE)
-        return Merged(report, folder / PAGE, None, str(error))
+        return str(error)
     from ..blender.shot_picture import write_shot_picture
 
     write_shot_picture(folder / PICTURE, report, folder)
-    return Merged(report, folder / PAGE, folder / PICTURE)
+    return ""
 
 
 def _merge(arguments: argparse.Namespace, progress: Progress) -> None:

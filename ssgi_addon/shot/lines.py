@@ -7,7 +7,7 @@ from typing import Any
 
 from ..tables import number
 from .cells import percent, seconds_text
-from .report import Report, is_mixed
+from .report import FAILED, MISSING, Report, is_mixed
 
 # More files that could not be read are counted, not named
 _NAMED_FILES = 3
@@ -39,12 +39,12 @@ def summary_lines(report: Report) -> list[str]:
 
 def problems(report: Report) -> list[str]:
     """Return what is not as it should be, shortly; nothing where the shot is whole."""
-    found = [f"frames {report[state]} {state}" for state in ("missing", "failed") if report[state]]
+    found = [f"{_frames(report[state])} {state}" for state in (MISSING, FAILED) if report[state]]
     if report["counts"]["unread"]:
         count = report["counts"]["unread"]
         found.append(f"{_plural(count, 'manifest', 'manifests')} cannot be read")
     for name in is_mixed(report):
-        told = " and ".join(f"frames {entry['frames']}" for entry in report[name])
+        told = " and ".join(_frames(entry["frames"]) for entry in report[name])
         found.append(f"different {name}: {told}")
     return found
 
@@ -52,6 +52,10 @@ def problems(report: Report) -> list[str]:
 def _counts(counts: dict[str, int]) -> str:
     named = (f"{count} {state}" for state, count in counts.items() if count or state == "finished")
     return ", ".join(named)
+
+
+def _frames(ranges: str) -> str:
+    return f"frame {ranges}" if ranges.lstrip("-").isdigit() else f"frames {ranges}"
 
 
 def _plural(count: int, one: str, many: str) -> Any:

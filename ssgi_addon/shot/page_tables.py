@@ -8,7 +8,7 @@ from typing import Any
 
 from ..tables import NOTHING, Table, number
 from .cells import MARKS, percent, seconds_text
-from .report import FINISHED, MAIN_STEPS, OTHER, Report, Row
+from .report import FINISHED, MAIN_STEPS, MISSING, OTHER, Report, Row
 
 # Of the settings in which kinds differ, so many are named
 _NAMED_SETTINGS = 8
@@ -31,7 +31,7 @@ def detail_tables(report: Report) -> list[Table]:
 
 
 def frame_table(report: Report) -> Table:
-    """Return all frames with their figures."""
+    """Return all frames that left something, with their figures."""
     steps = [
         name
         for name in (*MAIN_STEPS, OTHER)
@@ -39,7 +39,7 @@ def frame_table(report: Report) -> Table:
     ]
     head = ("Frame", "State", "Machine", "Seconds", *(name.capitalize() for name in steps), "Flicker",
             "Flicker seen", "Error", "Known", "Peak MB", "Finished")  # fmt: skip
-    rows = tuple(_frame_row(row, steps) for row in report["frames"])
+    rows = tuple(_frame_row(row, steps) for row in report["frames"] if row["state"] != MISSING)
     return Table(f"All frames ({len(rows)})", head, rows)
 
 
