@@ -19,6 +19,8 @@ from tests.core.shot_folders import (
     write_manifest,
 )
 
+pytest.importorskip("OpenEXR")
+
 SIZE = (96, 54)
 SPEEDS = (0.0, 0.013, 0.08)  # units a frame: none, and about a third of a sample and two samples at the wall
 
