@@ -56,5 +56,6 @@ section:has(#only:checked) .cell:not(.marked) { display: none; }
   padding: 0.4rem; font-size: 0.78rem; color: var(--bad); font-weight: 600; overflow-wrap: anywhere;
   display: -webkit-box; -webkit-line-clamp: 4; -webkit-box-orient: vertical; overflow: hidden;
 }
-main td { overflow-wrap: anywhere; }
+main td { overflow-wrap: break-word; }
+main th[scope="row"] { white-space: normal; }
 """

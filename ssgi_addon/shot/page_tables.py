@@ -60,6 +60,11 @@ def _frame_row(row: Row, steps: Sequence[str]) -> tuple[str, ...]:
     )
 
 
+def _spaced(ranges: str) -> str:
+    """Return ranges of frames so that a line may break between them."""
+    return ranges.replace(",", ", ")
+
+
 def _worst_table(report: Report) -> Table:
     texts = {"seconds": seconds_text, "flicker": percent, "error": number, "known": percent}
     rows = tuple(
@@ -74,7 +79,7 @@ def _machine_table(report: Report) -> Table:
     head = ("Machine", "Frames", "Seconds together", "Median of a frame", "Processes", "Which")
     rows = tuple(
         (entry["machine"], str(entry["count"]), number(entry["seconds"], 4), number(entry["median"]),
-         str(entry["processes"]), entry["frames"])
+         str(entry["processes"]), _spaced(entry["frames"]))
         for entry in report["machines"]
     )  # fmt: skip
     return Table("Machines", head, rows)
@@ -88,7 +93,7 @@ def _settings_table(report: Report) -> Table:
         others = list(_differences(kinds[0]["settings"], kind["settings"]))
         named = ", ".join(others[:_NAMED_SETTINGS])
         more = f" and {len(others) - _NAMED_SETTINGS} more" if len(others) > _NAMED_SETTINGS else ""
-        rows.append((kind["hash"], f"{named}{more}" or NOTHING, kind["frames"]))
+        rows.append((kind["hash"], f"{named}{more}" or NOTHING, _spaced(kind["frames"])))
     return Table("Settings", ("Hash", "Differs from the first in", "Frames"), tuple(rows))
 
 
@@ -103,7 +108,10 @@ def _differences(first: Mapping[str, Any], other: Mapping[str, Any], prefix: str
 
 def _versions_table(report: Report) -> Table:
     rows = tuple(
-        (", ".join(f"{name} {version}" for name, version in entry["versions"].items()), entry["frames"])
+        (
+            ", ".join(f"{name} {version}" for name, version in entry["versions"].items()),
+            _spaced(entry["frames"]),
+        )
         for entry in report["versions"]
     )
     return Table("Versions", ("Versions", "Frames"), rows)
@@ -113,12 +121,12 @@ def _shots_table(report: Report) -> Table:
     """Return the captures that frames share, where there are any."""
     kinds = report["shots"]
     is_told = any(entry["shot"] is not None for entry in kinds)
-    rows = tuple((entry["shot"] or "none", entry["frames"]) for entry in kinds) if is_told else ()
+    rows = tuple((entry["shot"] or "none", _spaced(entry["frames"])) for entry in kinds) if is_told else ()
     return Table("Captured once for the shot", ("Hash", "Frames"), rows)
 
 
 def _grouped_table(title: str, head: tuple[str, ...], entries: Sequence[Any], text: Any) -> Table:
-    rows = tuple((text(entry), str(entry["count"]), entry["frames"]) for entry in entries)
+    rows = tuple((text(entry), str(entry["count"]), _spaced(entry["frames"])) for entry in entries)
     return Table(title, head, rows)
 
 

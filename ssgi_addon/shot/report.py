@@ -22,6 +22,8 @@ MAIN_STEPS = ("capture", "passes", "denoise", "write")
 OTHER = "other"
 # A shot's worst frames by each figure: one in so many, but no more than `_MOST_WORST`
 _WORST_SHARE, _MOST_WORST = 10, 5
+# Less beyond the median is chance
+_CLEARLY = 1.1
 
 
 def build_report(
@@ -159,21 +161,24 @@ def _summary(values: Mapping[int, float], worst: Callable[..., float]) -> dict[s
 
 
 def _worst(rows: Sequence[Row]) -> dict[str, list[dict[str, float]]]:
-    """Return the worst frames by each figure, the worst first: of those that are worse than the median."""
-    # Known is the better, the more
-    figures = (
-        ("error", _told(rows, "error"), 1),
-        ("flicker", _told(rows, "flicker"), 1),
-        ("seconds", _totals(rows), 1),
-        ("known", _told(rows, "known"), -1),
-    )
+    """Return the worst frames by each figure, the worst first: of those clearly worse than the median."""
+    unknown = {frame: 1.0 - value for frame, value in _told(rows, "known").items()}
+    figures = {
+        "error": _told(rows, "error"),
+        "flicker": _told(rows, "flicker"),
+        "seconds": _totals(rows),
+        "known": unknown,
+    }
     found = {}
-    for name, values, sign in figures:
-        ranked = sorted(values.items(), key=lambda item: -sign * item[1])
-        middle = statistics.median(values.values()) if values else 0.0
+    for name, values in figures.items():
+        bound = _CLEARLY * statistics.median(values.values()) if values else 0.0
+        ranked = sorted(values.items(), key=lambda item: -item[1])
         most = min(_MOST_WORST, -(-len(ranked) // _WORST_SHARE))
-        worse = [(frame, value) for frame, value in ranked[:most] if sign * value > sign * middle]
-        found[name] = [{"frame": frame, "value": value} for frame, value in worse]
+        found[name] = [
+            {"frame": frame, "value": 1.0 - value if name == "known" else value}
+            for frame, value in ranked[:most]
+            if value > bound
+        ]
     return found
 
 
