@@ -7,10 +7,10 @@ import numpy as np
 import numpy.typing as npt
 
 #: (H, W, 3) uint8, top row first
-Picture = npt.NDArray[np.uint8]
+RGB = npt.NDArray[np.uint8]
 
 
-def shrunk(picture: Picture, factor: int) -> Picture:
+def shrunk(picture: RGB, factor: int) -> RGB:
     """Return a picture smaller by a whole factor, by means of squares.
 
     Rows and columns that fill no whole square are left out, unless there is no other.

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from ..heatmap import legend_bar, legend_labels
-from ..pictures import Picture, shrunk
+from ..pictures import RGB, shrunk
 from .sheet_canvas import Column, Sheet, TextStyle, text_width, write_sheet
 
-Panel = tuple[str, Picture]
+Panel = tuple[str, RGB]
 
 _MARGIN = 32
 _GAP = 20
@@ -73,7 +73,7 @@ def write_contact_sheet(
     write_sheet(sheet, Path(path))
 
 
-def _checked_pictures(panels: Sequence[Panel]) -> list[Picture]:
+def _checked_pictures(panels: Sequence[Panel]) -> list[RGB]:
     pictures = [np.asarray(picture) for _, picture in panels]
     if not pictures:
         raise ValueError("panels: expected at least one, got none")
@@ -87,7 +87,7 @@ def _checked_pictures(panels: Sequence[Panel]) -> list[Picture]:
     return pictures
 
 
-def _scaled(picture: Picture) -> Picture:
+def _scaled(picture: RGB) -> RGB:
     """Bring a picture near the panel size by a whole factor: means of squares, or repeated pixels."""
     height, width = picture.shape[:2]
     shrink = -(-width // _LARGEST_PANEL_WIDTH)
@@ -98,7 +98,7 @@ def _scaled(picture: Picture) -> Picture:
 
 
 def _lay_out_panels(
-    sheet: Sheet, columns: Sequence[Column], titles: Sequence[str], pictures: Sequence[Picture]
+    sheet: Sheet, columns: Sequence[Column], titles: Sequence[str], pictures: Sequence[RGB]
 ) -> int:
     ends = [sheet.add_text(column, _MARGIN - 8, title, _TITLE) for column, title in zip(columns, titles)]
     top = max(ends) + 6

@@ -15,7 +15,7 @@ import imbuf
 import numpy as np
 
 from ..files import replacing
-from ..pictures import Picture
+from ..pictures import RGB
 from ..png import check_whole, write_png
 
 BACKGROUND = (26, 26, 29)
@@ -50,7 +50,7 @@ class Sheet:
 
     width: int
     height: int = 0
-    pictures: list[tuple[int, int, Picture]] = field(default_factory=list)
+    pictures: list[tuple[int, int, RGB]] = field(default_factory=list)
     texts: list[tuple[int, int, str, TextStyle]] = field(default_factory=list)
 
     def add_text(self, column: Column, top: int, text: str, style: TextStyle) -> int:

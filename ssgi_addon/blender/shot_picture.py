@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import SSGIError
-from ..pictures import Picture, shrunk
+from ..pictures import RGB, shrunk
 from ..progress import printable
 from ..shot.cells import Cell, cells_of, choose
 from ..shot.lines import problems, summary_lines
@@ -89,7 +89,7 @@ def write_shot_picture(path: Path, report: Report, folder: Path) -> None:
     write_sheet(sheet, path)
 
 
-def _small_picture(cell: Cell, folder: Path, factor: int) -> Picture | str:
+def _small_picture(cell: Cell, folder: Path, factor: int) -> RGB | str:
     """Return a frame's picture, or the reason why there is none."""
     if cell.state != FINISHED:
         return str(cell.row.get("failure") or "")
@@ -101,7 +101,7 @@ def _small_picture(cell: Cell, folder: Path, factor: int) -> Picture | str:
     return picture.repeat(grow, axis=0).repeat(grow, axis=1)
 
 
-def _grid(cells: Sequence[Cell], pictures: Sequence[Picture]) -> _Grid:
+def _grid(cells: Sequence[Cell], pictures: Sequence[RGB]) -> _Grid:
     width = max([_LEAST_CELL_WIDTH, *(picture.shape[1] for picture in pictures)])
     flat = round(_LEAST_CELL_WIDTH / _ASPECT)
     picture_height = max((picture.shape[0] for picture in pictures), default=flat)
@@ -140,7 +140,7 @@ def _lay_out_cell(
     top: int,
     grid: _Grid,
     cell: Cell,
-    picture: Picture | str,
+    picture: RGB | str,
     largest: dict[str, float],
 ) -> None:
     if isinstance(picture, str):
@@ -185,7 +185,7 @@ def _lay_out_empty(sheet: Sheet, place: Column, top: int, grid: _Grid, cell: Cel
         sheet.texts.append((inner.x, at, text, _BAD))
 
 
-def _outline(sheet: Sheet, left: int, top: int, picture: Picture) -> None:
+def _outline(sheet: Sheet, left: int, top: int, picture: RGB) -> None:
     height, width = picture.shape[:2]
     around = np.full((height + 2 * _OUTLINE, width + 2 * _OUTLINE, 3), _BAD_COLOR, dtype=np.uint8)
     sheet.pictures.append((left - _OUTLINE, top - _OUTLINE, around))

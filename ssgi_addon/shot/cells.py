@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
+from ..arguments import frame_text
 from ..tables import number
-from .frame_ranges import frame_ranges
 from .report import FINISHED, MISSING, Report, Row
 
 #: What the worst frames by each figure are called.
@@ -58,7 +58,7 @@ def cells_of(report: Report) -> list[Cell]:
     for is_missing, group in groupby(report["frames"], key=lambda row: row["state"] == MISSING):
         rows = list(group)
         if is_missing:
-            title = frame_ranges(row["frame"] for row in rows)
+            title = frame_text(row["frame"] for row in rows)
             cells.append(Cell(title, MISSING, rows[0], {}, ()))
         else:
             cells += [_cell(row, marks.get(row["frame"], ())) for row in rows]

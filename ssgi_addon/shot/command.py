@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..arguments import frame_range
+from ..arguments import add_progress, frame_list
 from ..bpy_module import require_bpy
 from ..errors import SSGIError
 from ..files import check_writable, discard, discard_abandoned, replacing, write_json
@@ -41,8 +41,8 @@ def add_merge(commands: Any) -> None:
     parser.add_argument("folder", metavar="DIR", type=Path, help="the folder that ssgi render wrote to")
     parser.add_argument(
         "--frames",
-        metavar="A-B[:STEP]",
-        type=frame_range,
+        metavar="FRAMES",
+        type=frame_list,
         help="the frames that should be there (default: those that are)",
     )
     parser.add_argument(
@@ -50,6 +50,7 @@ def add_merge(commands: Any) -> None:
         metavar="STEM",
         help="the scene, where the folder holds frames of several",
     )
+    add_progress(parser)
     parser.set_defaults(run=_merge)
 
 

@@ -15,7 +15,8 @@ from ..core import Camera, GBuffer
 from ..core.carry import carry_over
 from ..errors import SSGIError
 from ..exr import read_layers
-from .manifests import FRAMES_FOLDER, Manifest, Unread
+from ..manifest import FOLDER
+from .manifests import Manifest, Unread
 
 FloatArray = np.ndarray[Any, np.dtype[np.float32]]
 
@@ -172,7 +173,7 @@ def read_samples(folder: Path, manifest: Manifest) -> Samples:
     SSGIError
         If the file or the camera is missing or damaged, or they do not fit together.
     """
-    path = folder / FRAMES_FOLDER / f"{manifest.stem}.exr"
+    path = folder / FOLDER / f"{manifest.stem}.exr"
     camera = camera_from_json(manifest.camera, path.with_suffix(".json"))
     layers = read_layers(path)
     try:

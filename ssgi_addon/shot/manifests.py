@@ -14,11 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import SSGIError
+from ..manifest import FOLDER, FORMAT, VERSION, stem
 from .json_fields import field_of, items_of, number_of, optional_of, read_json, time_of
 
-FORMAT, VERSION = "ssgi-frame", 1
-#: Folder of the manifests and small pictures, below that of the results.
-FRAMES_FOLDER = "frames"
 _LARGEST_FRAME = 10_000_000
 
 
@@ -67,7 +65,7 @@ class Manifest:
     @property
     def stem(self) -> str:
         """Name of the frame's files without their endings."""
-        return f"{self.name}_{self.frame:04d}"
+        return stem(self.name, self.frame)
 
     @property
     def seconds(self) -> Mapping[str, float]:
@@ -164,7 +162,7 @@ class _ForeignFileError(SSGIError):
 def _candidates(folder: Path, name: str | None) -> list[Path]:
     """Return the files whose names are those of manifests, of one scene or of all."""
     try:
-        paths = sorted((folder / FRAMES_FOLDER).iterdir())
+        paths = sorted((folder / FOLDER).iterdir())
     except OSError:
         paths = []
     return [

@@ -3,15 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ..recipe import named_differences
 from ..tables import NOTHING, Table, number
 from .cells import MARKS, percent, seconds_text
 from .report import FINISHED, MAIN_STEPS, MISSING, OTHER, Report, Row
-
-# Of the settings in which kinds differ, so many are named
-_NAMED_SETTINGS = 8
 
 
 def detail_tables(report: Report) -> list[Table]:
@@ -87,23 +85,16 @@ def _machine_table(report: Report) -> Table:
 
 def _settings_table(report: Report) -> Table:
     """Return each kind of settings; of several, in what they differ."""
-    kinds = report["settings"]
-    rows = []
-    for kind in kinds:
-        others = list(_differences(kinds[0]["settings"], kind["settings"]))
-        named = ", ".join(others[:_NAMED_SETTINGS])
-        more = f" and {len(others) - _NAMED_SETTINGS} more" if len(others) > _NAMED_SETTINGS else ""
-        rows.append((kind["hash"], f"{named}{more}" or NOTHING, _spaced(kind["frames"])))
-    return Table("Settings", ("Hash", "Differs from the first in", "Frames"), tuple(rows))
-
-
-def _differences(first: Mapping[str, Any], other: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
-    for name in dict.fromkeys((*first, *other)):
-        one, two = first.get(name), other.get(name)
-        if isinstance(one, Mapping) and isinstance(two, Mapping):
-            yield from _differences(one, two, f"{prefix}{name}.")
-        elif one != two:
-            yield f"{prefix}{name} {two} instead of {one}"
+    first = report["settings"][0]["settings"] if report["settings"] else {}
+    rows = tuple(
+        (
+            kind["hash"],
+            named_differences(kind["settings"], first) or NOTHING,
+            _spaced(kind["frames"]),
+        )
+        for kind in report["settings"]
+    )
+    return Table("Settings", ("Hash", "Differs from the first in", "Frames"), rows)
 
 
 def _versions_table(report: Report) -> Table:

@@ -7,9 +7,10 @@ import statistics
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
+from ..arguments import frame_text
+from ..manifest import FOLDER
 from .flicker import Flicker
-from .frame_ranges import frame_ranges
-from .manifests import FRAMES_FOLDER, Manifest, Shot, Unread
+from .manifests import Manifest, Shot, Unread
 from .throughput import throughput
 
 Report = dict[str, Any]
@@ -54,7 +55,7 @@ def build_report(
         "format": FORMAT,
         "version": VERSION,
         "name": shot.name,
-        "expected": None if expected is None else frame_ranges(expected),
+        "expected": None if expected is None else frame_text(expected),
         "counts": {**counts, "unread": sum(entry.counts for entry in unread)},
         "failed": _ranges_of(rows, FAILED),
         "missing": _ranges_of(rows, MISSING),
@@ -112,7 +113,7 @@ def _row(shot: Shot, frame: int, flicker: Flicker | None) -> Row:
     return {
         **row,
         "state": FINISHED,
-        "picture": f"{FRAMES_FOLDER}/{manifest.stem}.png",
+        "picture": f"{FOLDER}/{manifest.stem}.png",
         "seconds": record["seconds"],
         "steps": _steps(record["seconds"]),
         "peak_memory_mb": record["peak_memory_mb"],
@@ -201,7 +202,7 @@ def _kinds(finished: Iterable[Manifest], name: str, kind: Callable[[Manifest], A
         else:
             groups.append((value, [manifest.frame]))
     groups.sort(key=lambda group: (-len(group[1]), group[1][0]))
-    return [{name: value, "frames": frame_ranges(frames)} for value, frames in groups]
+    return [{name: value, "frames": frame_text(frames)} for value, frames in groups]
 
 
 def _machines(finished: Iterable[Manifest]) -> list[dict[str, Any]]:
@@ -212,7 +213,7 @@ def _machines(finished: Iterable[Manifest]) -> list[dict[str, Any]]:
         {
             "machine": name,
             "count": len(own),
-            "frames": frame_ranges(manifest.frame for manifest in own),
+            "frames": frame_text(manifest.frame for manifest in own),
             "processes": len({manifest.process for manifest in own}),
             "seconds": sum(manifest.seconds["total"] for manifest in own),
             "median": statistics.median(manifest.seconds["total"] for manifest in own),
@@ -227,9 +228,7 @@ def _grouped(entries: Iterable[tuple[dict[str, str], int]]) -> list[dict[str, An
     for entry, frame in entries:
         groups.setdefault(tuple(sorted(entry.items())), set()).add(frame)
     ordered = sorted(groups.items(), key=lambda group: (-len(group[1]), group[0]))
-    return [
-        {**dict(entry), "count": len(frames), "frames": frame_ranges(frames)} for entry, frames in ordered
-    ]
+    return [{**dict(entry), "count": len(frames), "frames": frame_text(frames)} for entry, frames in ordered]
 
 
 def _unread(entries: Iterable[Unread]) -> list[dict[str, Any]]:
@@ -241,4 +240,4 @@ def _unread(entries: Iterable[Unread]) -> list[dict[str, Any]]:
 
 
 def _ranges_of(rows: Iterable[Row], state: str) -> str:
-    return frame_ranges(row["frame"] for row in rows if row["state"] == state)
+    return frame_text(row["frame"] for row in rows if row["state"] == state)

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..pictures import Picture
+from ..pictures import RGB
 from ..png import read_png
 from .report import Row
 
 
-def read_thumbnail(folder: Path, row: Row) -> Picture:
+def read_thumbnail(folder: Path, row: Row) -> RGB:
     """Read the small picture of a finished frame.
 
     Raises

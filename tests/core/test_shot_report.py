@@ -51,7 +51,7 @@ def test_frames_are_counted(tmp_path):
     manifests = [manifest_of(1), manifest_of(2), failed(4, "no memory"), manifest_of(9)]
     report = report_of(tmp_path, manifests, expected=range(1, 7))
     assert report["counts"] == {"finished": 2, "failed": 1, "missing": 3, "unread": 0}
-    assert (report["expected"], report["missing"], report["failed"]) == ("1-6", "3,5,6", "4")
+    assert (report["expected"], report["missing"], report["failed"]) == ("1-6", "3,5-6", "4")
     assert [row["frame"] for row in report["frames"]] == [1, 2, 3, 4, 5, 6]
     assert report["frames"][3]["failure"] == "no memory"
 
@@ -129,7 +129,7 @@ def test_machines_have_their_frames_and_seconds(tmp_path):
     names = ["alpha", "beta", "alpha", "alpha"]
     manifests = [manifest_of(frame, machine=name) for frame, name in enumerate(names, start=1)]
     assert report_of(tmp_path, manifests)["machines"] == [
-        {"machine": "alpha", "count": 3, "frames": "1,3,4", "processes": 1, "seconds": 10.5, "median": 3.5},
+        {"machine": "alpha", "count": 3, "frames": "1,3-4", "processes": 1, "seconds": 10.5, "median": 3.5},
         {"machine": "beta", "count": 1, "frames": "2", "processes": 1, "seconds": 3.5, "median": 3.5},
     ]
 
@@ -222,14 +222,14 @@ def test_shot_that_is_not_whole_fails_after_the_reports_are_written(tmp_path, no
     error = capsys.readouterr().err.splitlines()[-1]
     for told in (
         "frames 3,7-9 missing", "frame 5 failed", "1 manifest cannot be read",
-        "different settings: frames 1,2,4 and frame 6",
+        "different settings: frames 1-2,4 and frame 6",
     ):  # fmt: skip
         assert told in error
     report = json.loads((tmp_path / command.REPORT).read_text())
     assert report["counts"] == {"finished": 4, "failed": 1, "missing": 4, "unread": 1}
 
 
-@pytest.mark.parametrize("line", ["merge", "merge DIR --frames 5", "merge DIR --frames 3-1"])
+@pytest.mark.parametrize("line", ["merge", "merge DIR --frames 5-", "merge DIR --frames 3-1"])
 def test_bad_usage_is_told_as_such(line):
     assert cli.main(line.split()) == cli.BAD_USAGE
 

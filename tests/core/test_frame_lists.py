@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssgi_addon.arguments import frame_range
-from ssgi_addon.shot.frame_ranges import frame_ranges
+from ssgi_addon.arguments import frame_list, frame_text
 from tests.budget import examples
 
 
@@ -15,7 +14,7 @@ from tests.budget import examples
     [
         ([], ""),
         ([5], "5"),
-        ([1, 2], "1,2"),
+        ([1, 2], "1-2"),
         ([3, 1, 2, 2], "1-3"),
         ([1, 2, 3, 4, 7, 9, 11, 30], "1-4,7-11:2,30"),
         ([1, 5, 6, 7], "1,5-7"),
@@ -24,12 +23,11 @@ from tests.budget import examples
     ],
 )
 def test_frames_are_told_shortly(frames, text):
-    assert frame_ranges(frames) == text
+    assert frame_text(frames) == text
 
 
 @given(st.sets(st.integers(-50, 50), max_size=40))
 @examples(200)
 def test_any_frames_read_back(frames):
-    parts = [part for part in frame_ranges(frames).split(",") if part]
-    read = [frame_range(part) if "-" in part[1:] else (int(part),) for part in parts]
-    assert sorted(number for part in read for number in part) == sorted(frames)
+    text = frame_text(frames)
+    assert (frame_list(text) if text else ()) == tuple(sorted(frames))
