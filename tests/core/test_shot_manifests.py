@@ -12,11 +12,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ssgi_addon import manifest
+from ssgi_addon.camera_file import camera_to_json
 from ssgi_addon.errors import SSGIError
 from ssgi_addon.shot.command import merge
 from ssgi_addon.shot.manifests import read_manifest, read_shot
 from tests.budget import examples
-from tests.core.shot_folders import BEGUN, failed, manifest_of, write_manifest
+from tests.core.shot_folders import BEGUN, VERSIONS, camera_at, failed, manifest_of, write_manifest
 
 
 def test_manifest_tells_what_it_says(tmp_path):
@@ -28,6 +30,23 @@ def test_manifest_tells_what_it_says(tmp_path):
     assert (third.stem, third.machine, third.shot, third.started) == ("room_0003", "beta", "abc", BEGUN)
     assert third.seconds["total"] == 3.5
     assert (shot.manifests[12].failure, shot.manifests[12].record) == ("no memory", None)
+
+
+def test_what_runs_write_is_read(tmp_path):
+    camera = camera_at(4)
+    recipe = {"ssgi": "1.0.0", "shot": "abc", "diffuse": {"rays": 4}}
+    record = manifest_of(4)["record"] | {"metrics": {"combined": {"relmse": 0.1, "flip": None}}}
+    manifest.write_manifest(tmp_path, "hall", record, camera, recipe, VERSIONS)
+    manifest.write_failure(tmp_path, "hall", 5, "no memory", recipe, VERSIONS)
+    shot = read_shot(tmp_path)
+    assert (shot.name, list(shot.manifests), shot.unread) == ("hall", [4, 5], [])
+    fourth, fifth = shot.manifests.values()
+    assert (fourth.shot, fourth.settings, fourth.seconds) == ("abc", recipe, record["seconds"])
+    assert fourth.started < fourth.finished
+    assert fourth.settings_hash == fifth.settings_hash
+    assert fourth.process == fifth.process
+    assert camera_to_json(camera) == fourth.camera
+    assert (fifth.failure, fifth.record) == ("no memory", None)
 
 
 def test_frames_below_zero_and_beyond_four_digits_are_read(tmp_path):
