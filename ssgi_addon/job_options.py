@@ -140,10 +140,10 @@ class JobOptions:
     )
     budget: float = option(
         _DEFAULT["budget"],
-        "Time limit for all that is captured beyond the frame, as a multiple of the direct light's time. "
-        "What rays would gain most by comes first, what they do not need is left out, and the report says "
-        "why. Presets set it",
-        label="Time Budget",
+        "Limit for all that is captured beyond the frame, as a multiple of the direct light's work, counted "
+        "in samples: about its time, and the same on each machine. What rays would gain most by comes first, "
+        "what they do not need is left out, and the report says why. Presets set it",
+        label="Budget",
         min=0.0,
         max=1000.0,
         soft_max=10.0,

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Capture what lies beyond the frame, as far as its rays need it and the time allows."""
+"""Capture what lies beyond the frame, as far as its rays need it and the budget allows.
+
+What is taken depends on the frame and the options alone: the budget is counted in work, never in seconds.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ from ..core.stations import LostRays, find_lost_rays
 from ..frame import CapturedFrame
 from ..surface_light import seen_from_elsewhere
 from ..view_cameras import overscan_camera, square_camera, surround_cameras
-from .capture_costs import fill_samples
+from .capture_costs import QUICK_PASS, RENDER_START, fill_work, render_work
 from .capture_options import CaptureOptions
 from .engines import Engine
 from .fill import capture_fill, denoised_fill
@@ -33,8 +36,6 @@ LEAST_LOST = 0.02
 # Lobes of less roughness show single things, and colours from here on show them well; fewer pixels with both
 # than this share of the picture are no mirrors worth a render.
 _SHARP, _SHINING, LEAST_MIRRORS = 0.12, 0.1, 0.005
-# What a render costs before its first sample until one has been timed: Cycles' scene is there already.
-_RENDER_SECONDS = 0.05
 
 
 class BeyondTheFrame:
@@ -48,7 +49,7 @@ class BeyondTheFrame:
     engine, scene, view_layer
         Set up by `borrow_scene`; exactly as before afterwards, also after an error.
     options
-        What to take at most, and in how much time.
+        What to take at most, and with how much work.
     report
         Called with a fraction and a text before each render; an exception from it ends the capture.
     kept
@@ -90,12 +91,9 @@ class BeyondTheFrame:
             return frame
         self.frame = frame
         self.lost: LostRays | None = None
-        self.render_seconds = _RENDER_SECONDS
-        # Of the direct light, so that the frame's size and the scene's shaders count
-        pixels = frame.camera.width * frame.camera.height * options.samples
-        self.sample_seconds = frame.seconds["light"] / pixels
-        self.seconds_left = options.budget * frame.seconds["light"]
-        # What brings most for its time comes first
+        self.light_work = _work(frame.camera, options.samples)
+        self.work_left = options.budget * self.light_work
+        # What brings most for its work comes first
         if options.fill:
             self._fill()
         if self._has_kept_views():
@@ -146,9 +144,7 @@ class BeyondTheFrame:
             self.frame = replace(self.frame, notes=(*self.frame.notes, note))
             return
         pixels = self.frame.camera.width * self.frame.camera.height
-        cost = self.render_seconds + fill_samples(pixels, self.options.fill) * self.sample_seconds
-        if cost > self.seconds_left:
-            self._leave_out("fill", self._too_dear(cost))
+        if not self._affords("fill", fill_work(pixels, self.options.fill)):
             return
         self.report(0.6, "Fill")
         denoiser = self.options.fill_denoiser
@@ -166,16 +162,17 @@ class BeyondTheFrame:
         if is_clean:
             has_glossy = bool(is_colored(self.frame.gbuffer.specular).any())
             fill = denoised_fill(self.scene, fill, denoiser=denoiser, has_glossy=has_glossy)
-        self._spend("fill", seconds + time.perf_counter() - begun)
+        self._note_seconds("fill", seconds + time.perf_counter() - begun)
         self.frame = replace(self.frame, fill=fill)
 
     def _needs(self, wanted: dict[str, bool], share: Callable[[LostRays], float]) -> bool:
-        """Return whether some of what is wanted has rays to win, and time; note it where not."""
+        """Return whether some of what is wanted has rays to win, and fits at all; note it where not."""
         names = ", ".join(name for name, is_wanted in wanted.items() if is_wanted)
         if not names:
             return False
-        if self.render_seconds > self.seconds_left:
-            self._leave_out(names, self._too_dear(self.render_seconds))
+        least = QUICK_PASS + RENDER_START
+        if least > self.work_left:
+            self._leave_out(names, self._too_dear(least))
             return False
         lost = share(self._look())
         if lost >= LEAST_LOST:
@@ -188,7 +185,7 @@ class BeyondTheFrame:
         if self.lost is None:
             begun, frame = time.perf_counter(), self.frame
             self.lost = find_lost_rays(frame.gbuffer, frame.camera, frame.views, Settings())
-            self._spend("planning", time.perf_counter() - begun)
+            self._note_seconds("planning", time.perf_counter() - begun)
         return self.lost
 
     def _note_gain(self, *names: str) -> None:
@@ -199,17 +196,19 @@ class BeyondTheFrame:
         self.frame = replace(self.frame, gains={**self.frame.gains, ", ".join(names): gain})
 
     def _take(self, name: str, cameras: Sequence[Camera], at_least: int | None = None) -> None:
-        """Capture views, as many as the time allows if that is no fewer than `at_least` (None: all)."""
+        """Capture views, as many as the budget holds if that is no fewer than `at_least` (None: all)."""
         if not cameras:
             return
         least = len(cameras) if at_least is None else at_least
-        costs = [self._cost(camera, self.options.view_samples) for camera in cameras]
-        affordable = next((n for n in range(len(cameras), 0, -1) if sum(costs[:n]) <= self.seconds_left), 0)
+        views = [_work(camera, self.options.view_samples) for camera in cameras]
+        costs = [QUICK_PASS + sum(views[:count]) for count in range(len(views) + 1)]
+        affordable = max((count for count, cost in enumerate(costs) if cost <= self.work_left), default=0)
         if affordable < len(cameras):
             what = name if affordable < least else f"{len(cameras) - affordable} of {len(cameras)} {name}"
-            self._leave_out(what, self._too_dear(sum(costs)))
+            self._leave_out(what, self._too_dear(costs[-1]))
         if affordable < least:
             return
+        self.work_left -= costs[affordable]
         cameras = cameras[:affordable]
         views, seconds = capture_views(
             self.engine,
@@ -222,9 +221,7 @@ class BeyondTheFrame:
         )
         if name in _ELSEWHERE:
             views = tuple((seen_from_elsewhere(gbuffer), camera) for gbuffer, camera in views)
-        self._spend(name, seconds)
-        samples = sum(self._cost(camera, self.options.view_samples, overhead=0.0) for camera in cameras)
-        self.render_seconds = max(0.0, seconds - samples) / len(cameras)
+        self._note_seconds(name, seconds)
         self.frame = replace(
             self.frame,
             views=(*self.frame.views, *views),
@@ -249,7 +246,7 @@ class BeyondTheFrame:
     def _stations(self) -> list[Camera]:
         begun = time.perf_counter()
         poses = self._look().stations(self.options.stations)
-        self._spend("planning", time.perf_counter() - begun)
+        self._note_seconds("planning", time.perf_counter() - begun)
         return [square_camera(pose, self.options.view_size) for pose in poses]
 
     def _look_behind(self, around: bool = True) -> None:
@@ -268,14 +265,15 @@ class BeyondTheFrame:
             wanted["back faces"] = False
             self._leave_out("back faces", "without stations they bring nothing")
         cameras = [camera for _, camera in frame.views] if around else []
-        once = self._cost(frame.camera, 1) + sum(self._cost(camera, 1) for camera in cameras)
-        lit = self._cost(frame.camera, options.samples)
-        lit += sum(self._cost(camera, options.view_samples) for camera in cameras)
+        once = _work(frame.camera, 1) + sum(_work(camera, 1) for camera in cameras)
+        lit = _work(frame.camera, options.samples)
+        lit += sum(_work(camera, options.view_samples) for camera in cameras)
+        if around:
+            once += QUICK_PASS
+        wanted["back faces"] = wanted["back faces"] and self._affords("back faces", once)
         # A layer behind takes the round of the back faces, too
-        for name, cost in (("back faces", once), ("behind", once + lit)):
-            if wanted[name] and cost > self.seconds_left:
-                wanted[name] = False
-                self._leave_out(name, self._too_dear(cost))
+        lit += 0.0 if wanted["back faces"] else once
+        wanted["behind"] = wanted["behind"] and self._affords("behind", lit)
         if any(wanted.values()):
             self._add_hidden_surfaces(cameras, wanted["back faces"], wanted["behind"])
             if around:
@@ -304,15 +302,18 @@ class BeyondTheFrame:
         )
         self.frame = replace(frame, gbuffer=front[0][0], views=around[0] if around else frame.views)
         for name, value in seconds.items():
-            self._spend(name, value)
+            self._note_seconds(name, value)
 
-    def _cost(self, camera: Camera, samples: int, overhead: float | None = None) -> float:
-        """Return about how many seconds a view takes."""
-        overhead = self.render_seconds if overhead is None else overhead
-        return overhead + camera.width * camera.height * samples * self.sample_seconds
+    def _affords(self, what: str, cost: float) -> bool:
+        """Take work from the budget if it holds so much; note it where not."""
+        if cost > self.work_left:
+            self._leave_out(what, self._too_dear(cost))
+            return False
+        self.work_left -= cost
+        return True
 
-    def _spend(self, name: str, seconds: float) -> None:
-        self.seconds_left -= seconds
+    def _note_seconds(self, name: str, seconds: float) -> None:
+        """Note the time that something took: for the report alone."""
         spent = self.frame.seconds.get(name, 0.0) + seconds
         self.frame = replace(self.frame, seconds={**self.frame.seconds, name: spent})
 
@@ -320,4 +321,9 @@ class BeyondTheFrame:
         self.frame = replace(self.frame, skipped=(*self.frame.skipped, (what, why)))
 
     def _too_dear(self, cost: float) -> str:
-        return f"about {cost:.1f} s, and {max(self.seconds_left, 0.0):.1f} s are left"
+        cost, left = cost / self.light_work, self.work_left / self.light_work
+        return f"about {cost:.2f} times the work of the direct light, and {left:.2f} are left"
+
+
+def _work(camera: Camera, samples: int) -> float:
+    return render_work(camera.width * camera.height, samples)

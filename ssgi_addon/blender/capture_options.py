@@ -32,7 +32,7 @@ class CaptureOptions:
     view_layer
         Name; None means the active one, or the first that renders.
     budget
-        Most time for all that is captured beyond the frame, relative to that of its direct light.
+        Most work for all that is captured beyond the frame, relative to that of its direct light.
     overscan
         How many times as wide and high as the frame one more view is, with as many pixels; 1 captures none.
     mirrors_only

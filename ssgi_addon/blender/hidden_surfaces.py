@@ -165,7 +165,7 @@ def _layers_behind(
         borrow_clear_air(restorer, view_layer)
         borrow_layer_behind(restorer, view_layer, flipped)
         roughness = borrow_roughness(restorer, view_layer)  # sees which surfaces are looked through
-        names = tuple({*GEOMETRY_PASSES, *engine.light_passes, *roughness.passes})
+        names = (*GEOMETRY_PASSES, *engine.light_passes, *roughness.passes)
         borrow_passes(restorer, view_layer, names)
 
         def capture(take: Take, surfaces: Sequence[_SecondSurface]) -> Iterator[GBuffer]:

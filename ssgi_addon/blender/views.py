@@ -74,7 +74,7 @@ def capture_views(
         is_denoised = engine.borrow_light(restorer, scene, view_layer, samples, denoiser)
         borrow_clear_air(restorer, view_layer)
         roughness = borrow_roughness(restorer, view_layer)
-        names = tuple({*GEOMETRY_PASSES, *engine.light_passes, *roughness.passes})
+        names = (*GEOMETRY_PASSES, *engine.light_passes, *roughness.passes)
         borrow_passes(restorer, view_layer, names)
         for index, _ in enumerate(aimed):
             progress(index / len(cameras))

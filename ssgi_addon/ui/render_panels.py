@@ -160,7 +160,7 @@ class SSGI_PT_beyond(_SubPanel, bpy.types.Panel):
         layout.prop(settings, "keep_world")
         total = sum(shares.values())
         if total > settings.budget:
-            text = f"About +{total:.0%}, more than the time budget: what brings least is left out"
+            text = f"About +{total:.0%}, more than the budget: what brings least is left out"
             draw_messages(layout, [text], icon="INFO")
 
 

@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 import json
+import math
 from collections import Counter
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +17,7 @@ pytest.importorskip("OpenEXR")
 from ssgi_addon.blender import beyond, capture, engines, fill, job
 from ssgi_addon.blender.build import add_ball, add_camera, new_material, new_world
 from ssgi_addon.blender.capture import CaptureOptions, capture_frame
+from ssgi_addon.blender.capture_costs import QUICK_PASS, fill_work, render_work
 from ssgi_addon.cli import main
 from ssgi_addon.errors import SSGIError
 from ssgi_addon.job_options import BEYOND_FRAME, RENDERED, JobOptions
@@ -37,9 +38,9 @@ SWITCHES = {
 }
 VIEWS = {"surround": 6, "overscan": 1, "stations": 2, "lights": 1}
 ALL = replace(ALONE, **{name: value for switch in SWITCHES.values() for name, value in switch.items()})
-# Seconds, where the clock is not the wall's: of the frame's light, and of a small view by the first estimate.
-LIGHT = 1.0
-VIEW = 0.05 + LIGHT * SIDE**2 / (WIDTH * HEIGHT)
+# Work of the frame's light, and of a small view.
+LIGHT = render_work(WIDTH * HEIGHT, 1)
+VIEW = render_work(SIDE**2, 1)
 
 
 @pytest.fixture
@@ -60,30 +61,15 @@ def ball(empty_file):
     return scene
 
 
-@pytest.fixture
-def steady_clock(monkeypatch):
-    """Geometry and light take `LIGHT`, views and fill what was estimated, and planning no time at all."""
-
-    def time_geometry(*arguments, real=capture._capture_geometry):
-        rendered, roughness = real(*arguments)
-        return replace(rendered, seconds=LIGHT), roughness
+@pytest.fixture(params=[0.01, 100.0], ids=["fast", "slow"])
+def machine(request, monkeypatch):
+    """A machine on which light and geometry take next to no time, or so long that nothing else would."""
 
     def time_light(*arguments, real=capture._capture_light):
         rendered, is_denoised = real(*arguments)
-        return replace(rendered, seconds=LIGHT), is_denoised
+        return replace(rendered, seconds=request.param), is_denoised
 
-    def time_views(*arguments, real=beyond.capture_views, **named):
-        views, _ = real(*arguments, **named)
-        return views, VIEW * len(views)
-
-    def time_fill(*arguments, real=beyond.capture_fill, **named):
-        return real(*arguments, **named)[0], 0.4 * LIGHT
-
-    monkeypatch.setattr(capture, "_capture_geometry", time_geometry)
     monkeypatch.setattr(capture, "_capture_light", time_light)
-    monkeypatch.setattr(beyond, "capture_views", time_views)
-    monkeypatch.setattr(beyond, "capture_fill", time_fill)
-    monkeypatch.setattr(beyond, "time", SimpleNamespace(perf_counter=lambda: 0.0))
 
 
 def polish(scene):
@@ -179,7 +165,7 @@ def test_frame_of_sky_takes_nothing_more(ball):
     assert (frame.views, frame.fill) == ((), None)
 
 
-# --- What takes too long ----------------------------------------------------------------------------------
+# --- What takes too much work -------------------------------------------------------------------------------
 
 
 def test_back_faces_are_taken_with_stations_only_where_those_were_wanted(room, monkeypatch):
@@ -199,36 +185,61 @@ def test_no_budget_leaves_all_out_without_a_look(room):
         "surround, overscan",
         "stations, lights, back faces, behind",
     ]
-    assert all(why.endswith(" s, and 0.0 s are left") for _, why in frame.skipped)
+    assert all(why.endswith(", and 0.00 are left") for _, why in frame.skipped)
     assert frame.seconds.keys() == {"geometry", "light"}
 
 
-def test_middling_budget_takes_fewer_stations(room, steady_clock):
-    frame = capture_frame(room, replace(ALONE, stations=4, budget=2.5 * VIEW / LIGHT))
+def test_middling_budget_takes_fewer_stations(room, machine):
+    work = (QUICK_PASS + 2.5 * VIEW) / LIGHT
+    frame = capture_frame(room, replace(ALONE, stations=4, budget=work))
     assert frame.view_names == ("stations",) * 2
-    assert frame.skipped == (("2 of 4 stations", f"about {4 * VIEW:.1f} s, and {2.5 * VIEW:.1f} s are left"),)
+    wanted = (QUICK_PASS + 4 * VIEW) / LIGHT
+    why = f"about {wanted:.2f} times the work of the direct light, and {work:.2f} are left"
+    assert frame.skipped == (("2 of 4 stations", why),)
 
 
-def test_budget_for_five_faces_takes_no_surround(room, steady_clock):
+def test_budget_for_five_faces_takes_no_surround(room, machine):
     """What lies between the faces would be answered by none."""
-    frame = capture_frame(room, replace(ALONE, surround=SIDE, budget=5.5 * VIEW / LIGHT))
+    options = replace(ALONE, surround=SIDE)
+    enough = (QUICK_PASS + 6 * VIEW) / LIGHT
+    frame = capture_frame(room, replace(options, budget=enough - VIEW / LIGHT))
     assert frame.views == ()
     assert what_is_skipped(frame) == ["surround"]
+    assert len(capture_frame(room, replace(options, budget=enough)).views) == 6
 
 
-def test_small_budget_goes_to_the_fill(room, steady_clock):
-    frame = capture_frame(room, replace(ALL, budget=0.44))
+def test_small_budget_goes_to_the_fill(room, machine):
+    frame = capture_frame(room, replace(ALL, budget=fill_work(WIDTH * HEIGHT, ALL.fill) / LIGHT))
     assert frame.fill is not None
     assert frame.views == ()
     assert what_is_skipped(frame) == ["surround, overscan", "stations, lights, back faces, behind"]
 
 
-def test_views_that_were_taken_leave_less_for_the_rest(room, steady_clock):
-    budget = 8.5 * VIEW / LIGHT
+@pytest.mark.parametrize("preset", RENDERED)
+@pytest.mark.parametrize("size", [(4, 4), (480, 270), (7680, 4320)])
+def test_budgets_of_presets_hold_their_fill(preset, size):
+    pixels, values = math.prod(size), RENDERED[preset]
+    light = render_work(pixels, values["samples"])
+    assert fill_work(pixels, values["fill"]) <= values["budget"] * light
+
+
+def test_views_that_were_taken_leave_less_for_the_rest(room, machine):
+    budget = (2 * QUICK_PASS + 8.5 * VIEW) / LIGHT
     frame = capture_frame(room, replace(ALONE, surround=SIDE, stations=4, budget=budget))
     assert Counter(frame.view_names) == {"surround": 6, "stations": 2}
     (what,) = what_is_skipped(frame)
     assert what.endswith(" stations")
+
+
+def test_budget_holds_back_faces_and_the_layer_behind_by_their_work(room):
+    """Each takes a start and a sample; the layer behind then takes the light of the frame again."""
+    options = replace(ALONE, back_faces=True, behind=True)
+    once = (QUICK_PASS + render_work(WIDTH * HEIGHT, 1)) / LIGHT
+    taken = {}
+    for budget in (once - 0.01, once, once + 0.99, once + 1.0):
+        gbuffer = capture_frame(room, replace(options, budget=budget)).gbuffer
+        taken[budget] = (gbuffer.thickness is not None, gbuffer.behind is not None)
+    assert list(taken.values()) == [(False, False), (True, False), (True, False), (True, True)]
 
 
 # --- Report and command line ------------------------------------------------------------------------------
@@ -242,7 +253,7 @@ def test_report_lists_what_is_left_out(room, tmp_path):
     assert report["settings"]["budget"] == 0.0
     skipped = {entry["what"]: entry["why"] for entry in report["frames"][0]["skipped"]}
     for what in ("fill", "surround", "stations, back faces"):
-        assert skipped[what].endswith(" s are left")
+        assert skipped[what].endswith(", and 0.00 are left")
 
 
 @pytest.fixture
