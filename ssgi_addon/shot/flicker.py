@@ -95,7 +95,9 @@ def measure_flicker(
             try:
                 kept[frame] = read_samples(folder, wanted[frame])
             except SSGIError as error:
-                unread.append(Unread(f"{wanted[frame].stem}.exr", str(error), counts=False))
+                # Without its own name the reason is that of all such files
+                path = samples_path(folder, wanted[frame])
+                unread.append(Unread(path.name, str(error).replace(str(path), "it"), counts=False))
         return kept[frame]
 
     for index, (before, frame, after) in enumerate(zip(frames, frames[1:], frames[2:])):
@@ -165,6 +167,11 @@ def flicker_between(
     return Flicker(float(np.sqrt(relative.mean())) / _SECOND_DIFFERENCE, seen)
 
 
+def samples_path(folder: Path, manifest: Manifest) -> Path:
+    """Return where the small samples of a frame lie."""
+    return folder / FOLDER / f"{manifest.stem}.exr"
+
+
 def read_samples(folder: Path, manifest: Manifest) -> Samples:
     """Read the small samples of a frame.
 
@@ -173,7 +180,7 @@ def read_samples(folder: Path, manifest: Manifest) -> Samples:
     SSGIError
         If the file or the camera is missing or damaged, or they do not fit together.
     """
-    path = folder / FOLDER / f"{manifest.stem}.exr"
+    path = samples_path(folder, manifest)
     camera = camera_from_json(manifest.camera, path.with_suffix(".json"))
     layers = read_layers(path)
     try:

@@ -10,6 +10,7 @@ from typing import Any
 from ..arguments import frame_text
 from ..manifest import FOLDER
 from .flicker import Flicker
+from .grouping import grouped
 from .manifests import Manifest, Shot, Unread
 from .throughput import throughput
 
@@ -70,8 +71,8 @@ def build_report(
         "versions": _kinds(finished, "versions", lambda one: one.versions),
         "shots": _kinds(finished, "shot", lambda one: one.shot),
         "machines": _machines(finished),
-        "skipped": _grouped((dict(entry), one.frame) for one in finished for entry in one.record["skipped"]),
-        "notes": _grouped(({"note": note}, one.frame) for one in finished for note in one.record["notes"]),
+        "skipped": grouped((entry, one.frame) for one in finished for entry in one.record["skipped"]),
+        "notes": grouped(({"note": note}, one.frame) for one in finished for note in one.record["notes"]),
         "unread": _unread(unread),
         "frames": rows,
     }
@@ -220,15 +221,6 @@ def _machines(finished: Iterable[Manifest]) -> list[dict[str, Any]]:
         }
         for name, own in sorted(by_name.items())
     ]
-
-
-def _grouped(entries: Iterable[tuple[dict[str, str], int]]) -> list[dict[str, Any]]:
-    """Return what several frames say once, with their numbers: the most frequent first."""
-    groups: dict[tuple[tuple[str, str], ...], set[int]] = {}
-    for entry, frame in entries:
-        groups.setdefault(tuple(sorted(entry.items())), set()).add(frame)
-    ordered = sorted(groups.items(), key=lambda group: (-len(group[1]), group[0]))
-    return [{**dict(entry), "count": len(frames), "frames": frame_text(frames)} for entry, frames in ordered]
 
 
 def _unread(entries: Iterable[Unread]) -> list[dict[str, Any]]:

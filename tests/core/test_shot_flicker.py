@@ -158,6 +158,7 @@ def test_samples_that_cannot_be_read_are_named_once(tmp_path):
     found, unread = measure(tmp_path, range(1, 8))
     assert sorted(found) == [2, 6]
     assert [entry.file for entry in unread] == ["room_0004.exr"]
+    assert "cannot read it:" in unread[0].why
 
 
 def test_samples_of_another_size_than_the_camera_are_named(tmp_path):

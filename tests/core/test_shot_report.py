@@ -145,6 +145,20 @@ def test_what_was_skipped_and_noted_is_grouped(tmp_path):
     ]  # fmt: skip
 
 
+def test_texts_that_differ_in_numbers_are_one(tmp_path):
+    skips = {1: "of 25,933 pixels, 2 views", 2: "of 9,870 pixels, 2 views", 3: "of 101,000 pixels, 2 views"}
+    manifests = [
+        manifest_of(frame, record={"skipped": [{"what": what, "why": "black"}]})
+        for frame, what in skips.items()
+    ]
+    manifests[2]["record"]["notes"] = ["A note 1."]
+    report = report_of(tmp_path, manifests)
+    assert report["skipped"] == [
+        {"what": "of 9,870 to 101,000 pixels, 2 views", "why": "black", "count": 3, "frames": "1-3"}
+    ]
+    assert [entry["note"] for entry in report["notes"]] == ["A note.", "A note 1."]
+
+
 def test_worst_frames_are_those_beyond_the_median(tmp_path):
     manifests = [
         manifest_of(
