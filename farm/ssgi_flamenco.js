@@ -20,6 +20,10 @@ const JOB_TYPE = {
           description: "Width and height in pixels, such as 960x540. Empty: the scene's own" },
         { key: "further_settings", type: "string", default: "",
           description: "More settings as on the command line, such as --engine eevee --rays 16" },
+        { key: "render_options", type: "string", default: "",
+          description: "Options of the frames alone, such as --passes" },
+        { key: "prepare_options", type: "string", default: "",
+          description: "Options of the preparation alone, such as --keys 9" },
         { key: "prepare", type: "bool", default: true, label: "Prepare the Shot",
           description: "Capture once what belongs to the whole shot. Off, every frame renders alone" },
 
@@ -45,14 +49,16 @@ function compileJob(job) {
     // Flamenco keeps a task as it is when it is added: dependencies come first.
     let prepareTask = null;
     if (settings.prepare) {
-        prepareTask = ssgiTask("prepare", settings, pictureWords("prepare", settings, shot, allFrames));
+        prepareTask = ssgiTask("prepare", settings, pictureWords("prepare", settings, shot, allFrames)
+            .concat(wordsOf(settings.prepare_options)));
         job.addTask(prepareTask);
     }
     const reportTask = ssgiTask("report", settings, [
         "merge", settings.output_path, "--frames", allFrames, "--progress", "lines",
     ]);
     for (const chunk of chunks) {
-        let words = pictureWords("render", settings, settings.output_path, chunk);
+        let words = pictureWords("render", settings, settings.output_path, chunk)
+            .concat(wordsOf(settings.render_options));
         if (prepareTask) {
             words = words.concat(["--shot", shot]);
         }
@@ -84,7 +90,11 @@ function pictureWords(command, settings, output, frames) {
     if (settings.resolution) {
         words = words.concat(["--resolution", settings.resolution]);
     }
-    return words.concat(settings.further_settings.split(/\s+/).filter(word => word));
+    return words.concat(wordsOf(settings.further_settings));
+}
+
+function wordsOf(text) {
+    return text.split(/\s+/).filter(word => word);
 }
 
 // This kind of command finds Blender on all platforms. It opens the scene, which then need not be named.

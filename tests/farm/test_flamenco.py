@@ -24,6 +24,8 @@ SUBMITTED = {
     "preset": "final",
     "resolution": "",
     "further_settings": "",
+    "render_options": "",
+    "prepare_options": "",
     "prepare": True,
     "output_root": "/shared/two words",
     "output_path": "/shared/two words/a job/{timestamp}",
@@ -100,7 +102,12 @@ def test_tasks_follow_each_other(compiled):
 
 
 def test_parser_takes_every_command(compiled):
-    _, tasks = compiled(resolution="96x54", further_settings=" --engine eevee  --rays 16 ")
+    _, tasks = compiled(
+        resolution="96x54",
+        further_settings=" --engine eevee  --rays 16 ",
+        render_options="--passes",
+        prepare_options="--keys 3",
+    )
     rendered = []
     for name, task in tasks.items():
         words, arguments = words_of(task)
@@ -115,10 +122,12 @@ def test_parser_takes_every_command(compiled):
             assert words[0] == "prepare"
             assert f"{OUTPUT}/shot" in words
             assert tuple(arguments.frames) == FRAME_NUMBERS
+            assert arguments.keys == 3
         else:
             assert words[0] == "render"
             assert words[words.index("--output") + 1] == OUTPUT
             assert words[words.index("--shot") + 1] == f"{OUTPUT}/shot"
+            assert arguments.save_passes
             rendered += arguments.frames
     assert tuple(rendered) == FRAME_NUMBERS
 
@@ -136,7 +145,7 @@ def test_frames_render_alone_where_nothing_is_prepared(compiled):
 
 
 def test_settings_left_out_have_their_defaults(compiled):
-    left_out = dict.fromkeys(("chunk_size", "preset", "resolution", "further_settings", "prepare"))
+    left_out = dict.fromkeys(SUBMITTED.keys() - {"frames", "output_root", "output_path", "blendfile"})
     settings, tasks = compiled(frames="1-8", **left_out)
     assert list(tasks) == ["prepare", "render-1-4", "render-5-8", "report"]
     assert settings["preset"] == DEFAULT_PRESET

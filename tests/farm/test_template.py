@@ -93,6 +93,7 @@ def test_presets_are_those_of_the_command_line():
             ["--engine", "eevee", "--rays", "16"],
         ),
         ("blender", "false", {"Settings": "--overwrite"}, ["--overwrite"]),
+        ("module", "true", {"RenderOptions": "--passes", "PrepareOptions": "--keys 3"}, []),
     ],
 )
 def test_parser_takes_every_command(run_job, tmp_path, runner, prepare, given, expected):
@@ -109,6 +110,8 @@ def test_parser_takes_every_command(run_job, tmp_path, runner, prepare, given, e
         assert arguments.scene == tmp_path / "room.blend"
         assert f"--preset={given.get('Preset', DEFAULT_PRESET)}" in words
         assert all(word in words for word in expected)
+        assert ("--passes" in words) == (words[0] == "render" and "RenderOptions" in given)
+        assert ("--keys" in words) == (words[0] == "prepare" and "PrepareOptions" in given)
         folder = tmp_path / "out" / ("shot" if words[0] == "prepare" else "")
         assert arguments.output == folder
         has_shot = f"--shot={tmp_path / 'out' / 'shot'}" in words
