@@ -25,16 +25,23 @@ needs_openjd = pytest.mark.skipif(
 needs_bash = pytest.mark.skipif(shutil.which("bash") is None, reason="the template's scripts need bash")
 
 
-def openjd(*words: str | Path) -> subprocess.CompletedProcess[str]:
-    """Run the command line of Open Job Description; what it starts finds this checkout's package."""
+def start_openjd(*words: str | Path) -> subprocess.Popen[str]:
+    """Start the command line of Open Job Description; what it starts finds this checkout's package."""
     paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
-    return subprocess.run(
+    return subprocess.Popen(
         [sys.executable, "-m", "openjd", *map(str, words)],
         env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
-        capture_output=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
         text=True,
-        check=False,
     )
+
+
+def openjd(*words: str | Path) -> subprocess.CompletedProcess[str]:
+    """Run it to its end."""
+    process = start_openjd(*words)
+    out, err = process.communicate()
+    return subprocess.CompletedProcess(process.args, process.returncode, out, err)
 
 
 def parameters(values: Mapping[str, object]) -> list[str]:

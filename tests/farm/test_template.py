@@ -7,6 +7,7 @@ import json
 import re
 import stat
 import sys
+import time
 
 import pytest
 
@@ -20,6 +21,7 @@ from tests.farm.farm_commands import (
     parameters,
     parsed,
     ssgi_words,
+    start_openjd,
 )
 
 pytestmark = [needs_openjd, needs_bash]
@@ -33,6 +35,24 @@ with open({log!r}, "a", encoding="utf-8") as log:
     log.write(json.dumps([os.getpid(), *sys.argv[1:]]) + "\\n")
 sys.exit(1 if {failing!r} in sys.argv else 0)
 """
+# Goes on until it is asked to stop, which it notes
+WAITING = """#!{python}
+import signal, sys, time
+def stop(*_):
+    log.write("stopped")
+    sys.exit(1)
+signal.signal(signal.SIGTERM, stop)
+log = open({log!r}, "a", buffering=1)
+log.write("started\\n")
+time.sleep(600)
+"""
+
+
+def write_program(folder, text, **values):
+    program = folder / "program of workers"
+    program.write_text(text.format(python=sys.executable, **values))
+    program.chmod(program.stat().st_mode | stat.S_IXUSR)
+    return program
 
 
 @pytest.fixture(name="run_job")
@@ -40,10 +60,9 @@ def run_with_a_program_that_records(tmp_path):
     """Run the whole job; return how that ended, and the words of each command."""
 
     def run(*, failing=None, **given):
-        log, program = tmp_path / "commands", tmp_path / "program of workers"
-        program.write_text(RECORDER.format(python=sys.executable, log=str(log), failing=failing))
-        program.chmod(program.stat().st_mode | stat.S_IXUSR)
+        log = tmp_path / "commands"
         log.write_text("")
+        program = write_program(tmp_path, RECORDER, log=str(log), failing=failing)
         values = {"Scene": tmp_path / "room.blend", "Output": tmp_path / "out", "Frames": FRAMES}
         done = openjd("run", TEMPLATE, *parameters({**values, "Program": program, **given}))
         started = [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()]
@@ -155,6 +174,20 @@ def test_task_that_fails_fails_the_job(run_job):
     done, commands = run_job(failing="--frames=2-4")
     assert done.returncode != 0
     assert [ssgi_words(words)[0][0] for words in commands] == ["prepare", "render", "render"]
+
+
+def test_request_to_stop_reaches_the_program(tmp_path):
+    log = tmp_path / "log"
+    log.touch()
+    program = write_program(tmp_path, WAITING, log=str(log))
+    values = {"Scene": tmp_path / "room.blend", "Output": tmp_path / "out", "Frames": FRAMES}
+    process = start_openjd("run", TEMPLATE, *parameters({**values, "Program": program}))
+    while not log.read_text() and process.poll() is None:
+        time.sleep(0.05)
+    process.terminate()
+    process.communicate()
+    assert process.returncode != 0
+    assert log.read_text() == "started\nstopped"
 
 
 def test_job_without_frames_is_refused():
