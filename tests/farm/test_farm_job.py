@@ -21,7 +21,6 @@ if "prepare" not in build_parser().format_help():
 
 # Few pixels, one sample, next to nothing beyond the frame
 TINY = "--samples 1 --denoiser none --budget 1000 --fill 0 --surround 8 --stations 0 --no-back-faces"
-FRAMES = (1, 2, 4)
 
 
 @pytest.fixture(name="scene")
@@ -48,53 +47,57 @@ def stamps(folder, pattern):
     return found
 
 
-@pytest.mark.parametrize("prepare", ["true", "false"])
-def test_job_that_failed_goes_on(scene, tmp_path, prepare):
+def job(scene, output, **changes):
+    """The parameters of a small job."""
+    values = {
+        "Scene": scene,
+        "Output": output,
+        "Preset": "draft",
+        "Resolution": "48x27",
+        "Settings": TINY,
+        "Program": sys.executable,
+    }
+    return parameters({**values, **changes})
+
+
+def manifest(output, frame):
+    return json.loads((output / "frames" / f"room_{frame:04}.json").read_text(encoding="utf-8"))
+
+
+def test_job_that_failed_goes_on(scene, tmp_path):
     output = tmp_path / "rendered shot"
     in_the_way = output / "room_0002.exr"
     in_the_way.mkdir(parents=True)
-    job = parameters(
-        {
-            "Scene": scene,
-            "Output": output,
-            "Frames": "1-2,4",
-            "ChunkSize": 1,
-            "Preset": "draft",
-            "Resolution": "48x27",
-            "Settings": TINY,
-            "Prepare": prepare,
-            "Program": sys.executable,
-        }
-    )
+    given = job(scene, output, Frames="1-2,4", ChunkSize=1)
 
     # The second frame cannot be written: the job fails and says why.
-    failed = openjd("run", TEMPLATE, *job)
+    failed = openjd("run", TEMPLATE, *given)
     assert failed.returncode != 0
     assert "openjd_progress: " in failed.stdout
     assert "openjd_fail: " in failed.stdout
-    assert (output / "shot" / "shot.json").exists() == (prepare == "true")
-    first = stamps(output, "room_0001.*")
+    first, shot = stamps(output, "room_0001.*"), stamps(output / "shot", "*")
     assert {"room_0001.exr", "room_0001.png", "frames/room_0001.json"} <= first.keys()
+    assert "shot.json" in shot
     assert not (output / "shot_report.json").exists()
 
     # What was in the way is gone: only what lacks is rendered.
     in_the_way.rmdir()
-    shot = stamps(output / "shot", "*")
-    done = openjd("run", TEMPLATE, *job)
+    done = openjd("run", TEMPLATE, *given)
     assert done.returncode == 0, done.stdout
     assert "frame 1: there already" in done.stdout
     assert stamps(output, "room_0001.*") == first
     assert stamps(output / "shot", "*") == shot
-    for frame in FRAMES:
-        manifest = json.loads((output / "frames" / f"room_{frame:04}.json").read_text(encoding="utf-8"))
-        assert (manifest["frame"], manifest["failure"]) == (frame, None)
-        assert (manifest["shot"] is not None) == (prepare == "true")
-        assert (output / f"room_{frame:04}.exr").is_file()
-    assert (output / "shot_report.json").is_file()
-    assert (output / "shot_report.html").is_file()
+    hashes = {manifest(output, frame)["shot"] for frame in (1, 2, 4)}
+    assert len(hashes) == 1
+    assert None not in hashes
+    assert all(manifest(output, frame)["failure"] is None for frame in (1, 2, 4))
+    assert {"shot_report.json", "shot_report.html"} <= stamps(output, "shot_report.*").keys()
 
-    # Once more: nothing is left to do.
-    everything = stamps(output, "room_*") | stamps(output, "shot/*")
-    again = openjd("run", TEMPLATE, *job)
-    assert again.returncode == 0, again.stdout
-    assert stamps(output, "room_*") | stamps(output, "shot/*") == everything
+
+def test_frames_render_alone_where_nothing_is_prepared(scene, tmp_path):
+    output = tmp_path / "rendered shot"
+    done = openjd("run", TEMPLATE, *job(scene, output, Frames="1,3", ChunkSize=2, Prepare="false"))
+    assert done.returncode == 0, done.stdout
+    assert not (output / "shot").exists()
+    assert [manifest(output, frame)["shot"] for frame in (1, 3)] == [None, None]
+    assert {"shot_report.json", "shot_report.html"} <= stamps(output, "shot_report.*").keys()
