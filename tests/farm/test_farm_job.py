@@ -16,8 +16,8 @@ from tests.farm.farm_commands import TEMPLATE, needs_bash, needs_openjd, openjd,
 from tests.scenes import build_closed_room
 
 pytestmark = [needs_openjd, needs_bash]
-if "prepare" not in build_parser().format_help():
-    pytest.skip("there is no command that prepares a shot yet", allow_module_level=True)
+if "merge" not in build_parser().format_help():
+    pytest.skip("there is no command that merges yet", allow_module_level=True)
 
 # Few pixels, one sample, next to nothing beyond the frame
 TINY = "--samples 1 --denoiser none --budget 1000 --fill 0 --surround 8 --stations 0 --no-back-faces"
