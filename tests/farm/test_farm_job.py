@@ -11,13 +11,10 @@ import pytest
 bpy = pytest.importorskip("bpy")
 pytest.importorskip("OpenEXR")
 
-from ssgi_addon.cli import build_parser
 from tests.farm.farm_commands import TEMPLATE, needs_bash, needs_openjd, openjd, parameters
 from tests.scenes import build_closed_room
 
 pytestmark = [needs_openjd, needs_bash]
-if "merge" not in build_parser().format_help():
-    pytest.skip("there is no command that merges yet", allow_module_level=True)
 
 # Few pixels, one sample, next to nothing beyond the frame
 TINY = "--samples 1 --denoiser none --budget 1000 --fill 0 --surround 8 --stations 0 --no-back-faces"
