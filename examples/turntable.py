@@ -10,7 +10,7 @@ With the Python package (`pip install '.[blender]'`):
     python examples/turntable.py --frames 48 --output turntable
 
 `--scene FILE.blend` takes a scene of yours, whose camera then circles around `--center`. Each frame leaves a
-PNG, a multilayer EXR file and an entry in report.json; `--resume` goes on after a stop. To make a film of it:
+PNG, a multilayer EXR file and an entry in report.json; the same line goes on after a stop. To make a film:
 
     ffmpeg -framerate 24 -i turntable/turntable_%04d.png turntable.mp4
 """
@@ -43,26 +43,21 @@ TRAY = (
 
 
 def main() -> None:
-    """Build or open the scene, animate the camera, render."""
+    """Save the scene with its camera move, and render all frames of it."""
     arguments = parse_arguments()
-    if arguments.scene:
-        bpy.ops.wm.open_mainfile(filepath=str(arguments.scene))
-    else:
-        build_scene()
-    scene = bpy.context.scene
-    circle_camera(scene, Vector(arguments.center), arguments.frames)
-    # The results are named after the file that the scene is saved in.
-    arguments.output.mkdir(parents=True, exist_ok=True)
-    bpy.ops.wm.save_as_mainfile(filepath=str(arguments.output.resolve() / "turntable.blend"))
+    # The results are named after the file that the scene is saved in, and belong to it.
+    path = arguments.output.resolve() / "turntable.blend"
+    if arguments.overwrite or not path.exists():
+        save_turntable(arguments, path)
     options = JobOptions.preset(
         arguments.preset,
         arguments.output,
         resolution=tuple(arguments.resolution),
         frames=tuple(range(1, arguments.frames + 1)),
-        resume=arguments.resume,
-        overwrite=not arguments.resume,
+        resume=True,
+        overwrite=arguments.overwrite,
     )
-    report = run_job(None, options, lambda fraction, text: print(f"{fraction:4.0%} {text}"))
+    report = run_job(path, options, lambda fraction, text: print(f"{fraction:4.0%} {text}"))
     for frame in report["frames"]:
         print(f"frame {frame['frame']}: {frame['seconds']['total']:.1f} s")
 
@@ -78,9 +73,20 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--resolution", type=int, nargs=2, default=(640, 360), help="pixels")
     parser.add_argument("--preset", default="balanced", help="draft, balanced or final")
     parser.add_argument("--output", type=Path, default=Path("turntable"), help="folder for the results")
-    parser.add_argument("--resume", action="store_true", help="skip frames that are there already")
+    parser.add_argument("--overwrite", action="store_true", help="begin anew, with all frames")
     own = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:]
     return parser.parse_args(own)
+
+
+def save_turntable(arguments: argparse.Namespace, path: Path) -> None:
+    """Build or open the scene, animate the camera, save it for the job."""
+    if arguments.scene:
+        bpy.ops.wm.open_mainfile(filepath=str(arguments.scene))
+    else:
+        build_scene()
+    circle_camera(bpy.context.scene, Vector(arguments.center), arguments.frames)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
 
 
 def build_scene() -> None:

@@ -5,10 +5,11 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import fields
 
 from .core.camera import LARGEST_SIDE
+from .progress import STYLES
 
 MOST_FRAMES = 1_000_000
 
@@ -70,6 +71,17 @@ def add_autoexec(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_progress(parser: argparse.ArgumentParser) -> None:
+    """Add the option that says how progress is told."""
+    parser.add_argument(
+        "--progress",
+        choices=STYLES,
+        default=STYLES[0],
+        help="bar: on a terminal; lines: in a log; openjd: for Open Job Description, on standard output "
+        f"(default: {STYLES[0]}, bar on a terminal, else lines)",
+    )
+
+
 def whole_number(text: str) -> int:
     """Read a whole number."""
     try:
@@ -116,17 +128,42 @@ def resolution(text: str) -> tuple[int, int]:
     return width, height
 
 
-def frame_range(text: str) -> tuple[int, ...]:
-    """Read ``A-B`` or ``A-B:STEP``; both ends count."""
-    found = re.fullmatch(r"(-?\d+)-(-?\d+)(?::(\d+))?", text)
+def frame_list(text: str) -> tuple[int, ...]:
+    """Read frames and ranges, ``A``, ``A-B`` or ``A-B:STEP``, with commas between them; both ends count.
+
+    Farms write them so (Open Job Description calls it a range expression). Returned in ascending order, each
+    once.
+    """
+    frames: set[int] = set()
+    for part in text.split(","):
+        frames.update(_frame_range(part.strip(), text))
+        if len(frames) > MOST_FRAMES:
+            raise argparse.ArgumentTypeError(f"expected at most {MOST_FRAMES} frames, got {text!r}")
+    return tuple(sorted(frames))
+
+
+def _frame_range(part: str, text: str) -> range:
+    found = re.fullmatch(r"(-?\d+)(?:-(-?\d+)(?::(\d+))?)?", part)
     if found is None:
         raise argparse.ArgumentTypeError(
-            f"expected FIRST-LAST or FIRST-LAST:STEP, such as 1-48:2, got {text!r}"
+            f"expected frames and ranges FIRST-LAST or FIRST-LAST:STEP, such as 1-4,7,10-48:2, got {text!r}"
         )
-    first, last, step = int(found[1]), int(found[2]), int(found[3] or 1)
-    if last < first or step < 1 or last - first >= MOST_FRAMES:
+    first = int(found[1])
+    last, step = int(found[2] or first), int(found[3] or 1)
+    if last < first or step < 1 or (last - first) // step >= MOST_FRAMES:
         raise argparse.ArgumentTypeError(f"expected FIRST <= LAST and a STEP of 1 or more, got {text!r}")
-    return tuple(range(first, last + 1, step))
+    return range(first, last + 1, step)
+
+
+def frame_text(frames: Iterable[int]) -> str:
+    """Return frames as `frame_list` reads them: ``1-4,7``."""
+    runs: list[list[int]] = []
+    for frame in sorted(set(frames)):
+        if runs and frame == runs[-1][-1] + 1:
+            runs[-1].append(frame)
+        else:
+            runs.append([frame])
+    return ",".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs)
 
 
 def _lowered(text: str) -> str:

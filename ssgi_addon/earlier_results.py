@@ -3,26 +3,19 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from .errors import SSGIError
-from .exr_header import read_headers
-from .files import check_writable, discard_abandoned, read_json
+from .files import check_writable, discard_abandoned
 from .job_options import JobOptions
+from .manifest import FOLDER, read_manifest
+from .recipe import Recipe, named_differences, recipe_hash, recipe_of
 
 Record = dict[str, Any]
-#: What decides a frame's picture beside the content of the scene: versions and settings, as JSON has them.
-Recipe = Mapping[str, Any]
-
 SKIPPED = {"what": "frame", "why": "its result was there already"}
-#: Text attribute of a result: the recipe of its picture.
-RECIPE = "ssgi.made_with"
-_NAMED_DIFFERENCES = 4
 # Of all that a frame's files are called; most file systems take names of so many bytes.
 _LONGEST_ENDING, _LONGEST_NAME = "_environment.json", 255
 
@@ -56,8 +49,7 @@ def check_output(options: JobOptions, stems: Mapping[int, str], recipe: Recipe) 
             continue
         if not options.resume:
             raise SSGIError(
-                f"{path} is there already: switch Overwrite on (--overwrite), skip it (--resume), or "
-                "choose another folder"
+                f"{path} is there already: switch Overwrite on (--overwrite), or choose another folder"
             )
         _refuse_other_recipe(path, recipe)
 
@@ -65,13 +57,12 @@ def check_output(options: JobOptions, stems: Mapping[int, str], recipe: Recipe) 
 def finished_frames(options: JobOptions, stems: Mapping[int, str], recipe: Recipe) -> dict[int, Record]:
     """Return the entries in the report of the frames that `resume` skips.
 
-    An entry is that of the run which rendered the frame, where its report is still there.
+    An entry is that of the run which rendered the frame, as its manifest says.
     """
     if options.overwrite or not options.resume:
         return {}
     done = [frame for frame, stem in stems.items() if _is_finished(options, stem, recipe)]
-    earlier = _earlier_records(options.output / "report.json") if done else {}
-    return {frame: _skipped(earlier.get(frame), frame) for frame in done}
+    return {frame: _skipped(_manifest(options, stems[frame])["record"]) for frame in done}
 
 
 def was_skipped(record: Record) -> bool:
@@ -79,59 +70,27 @@ def was_skipped(record: Record) -> bool:
     return SKIPPED in record.get("skipped", ())
 
 
-def recipe_text(recipe: Recipe) -> str:
-    """Return the text that a result carries under `RECIPE`."""
-    return json.dumps(recipe, sort_keys=True)
-
-
-def recipe_hash(recipe: Recipe) -> str:
-    """Return a short name of a recipe: frames that share it belong together."""
-    return hashlib.blake2b(recipe_text(recipe).encode(), digest_size=8).hexdigest()
-
-
 def _is_finished(options: JobOptions, stem: str, recipe: Recipe) -> bool:
     """Whether all that is written of a frame is there; each kind's last file stands for the others."""
-    if _recipe_of(options.output / f"{stem}.exr") != recipe:
+    manifest = _manifest(options, stem)
+    if manifest.get("settings_hash") != recipe_hash(recipe) or not isinstance(manifest.get("record"), dict):
+        return False
+    if recipe_of(options.output / f"{stem}.exr") != recipe:
         return False
     if options.save_passes and not (options.output / "passes" / f"{stem}.json").exists():
         return False
     return not options.compare or (options.output / f"{stem}_compare.png").exists()
 
 
-def _recipe_of(path: Path) -> dict[str, Any] | None:
-    """Return what a result was made with, nothing where it does not say; None where it is not whole."""
-    try:
-        told = read_headers(path)[0].texts.get(RECIPE, "")
-    except SSGIError:
-        return None
-    try:
-        recipe = json.loads(told)
-    except ValueError:
-        return {}
-    return recipe if isinstance(recipe, dict) else {}
-
-
 def _refuse_other_recipe(path: Path, recipe: Recipe) -> None:
     """Raise where a whole result was made otherwise; one that is not whole will be rendered anew."""
-    found = _recipe_of(path)
+    found = recipe_of(path)
     if found is None or found == recipe:
         return
-    differences = list(_differences(found, recipe)) if found else ["no settings"]
-    named, more = ", ".join(differences[:_NAMED_DIFFERENCES]), len(differences) - _NAMED_DIFFERENCES
-    others = f" and {more} more" if more > 0 else ""
     raise SSGIError(
-        f"{path} was rendered with {named}{others}: give the same settings to go on, switch Overwrite on "
-        "(--overwrite) to render all frames anew, or choose another folder"
+        f"{path} was rendered with {named_differences(found, recipe)}: give the same settings to go on, "
+        "switch Overwrite on (--overwrite) to render all frames anew, or choose another folder"
     )
-
-
-def _differences(found: Mapping[str, Any], wanted: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
-    for name in dict.fromkeys((*wanted, *found)):
-        old, new = found.get(name), wanted.get(name)
-        if isinstance(old, Mapping) and isinstance(new, Mapping):
-            yield from _differences(old, new, f"{prefix}{name}.")
-        elif old != new:
-            yield f"{prefix}{name} {old} instead of {new}"
 
 
 def _check_names(stems: Mapping[int, str]) -> None:
@@ -142,15 +101,10 @@ def _check_names(stems: Mapping[int, str]) -> None:
             )
 
 
-def _earlier_records(path: Path) -> dict[int, Record]:
-    """Read the entries of a report; none where it is gone or damaged, for the pictures are what counts."""
-    try:
-        return {record["frame"]: record for record in read_json(path)["frames"] if record["seconds"]}
-    except (SSGIError, KeyError, TypeError):
-        return {}
+def _manifest(options: JobOptions, stem: str) -> Record:
+    return read_manifest(options.output / FOLDER / f"{stem}.json")
 
 
-def _skipped(record: Record | None, frame: int) -> Record:
-    record = record or {"frame": frame, "seconds": {}, "peak_memory_mb": None, "metrics": None}
+def _skipped(record: Record) -> Record:
     others = [entry for entry in record.get("skipped", ()) if entry != SKIPPED]
     return {**record, "skipped": [*others, SKIPPED]}

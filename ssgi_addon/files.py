@@ -19,14 +19,16 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from .errors import SSGIError
+from .errors import OutputError, SSGIError
 
 # Folders of a job's results, relative to the folder that the user names.
-RESULT_FOLDERS = ("", "passes", "reference")
+RESULT_FOLDERS = ("", "frames", "passes", "reference")
 # A file that nobody has written to for so long belongs to no run, on whatever machine; seconds.
 _LONGEST_WRITE = 24 * 3600.0
 # Seconds for which Windows may keep a file from being replaced: a virus scanner or a viewer reads it.
 _LONGEST_LOCK, _LOCK_STEP = 2.0, 0.05
+# What is written between the look into a folder and its end keeps it from going; so it is tried again.
+_DELETIONS = 100
 _MARK = "ssgi"
 _count = itertools.count()
 
@@ -41,7 +43,7 @@ def replacing(path: Path, *, is_lasting: bool = True) -> Iterator[Path]:
 
     Raises
     ------
-    SSGIError
+    OutputError
         If the folder cannot be made, or the file cannot be written or moved.
     """
     temporary = path.parent / _temporary_name()
@@ -53,7 +55,9 @@ def replacing(path: Path, *, is_lasting: bool = True) -> Iterator[Path]:
         _move(temporary, path)
     except OSError as error:
         reason = error.strerror or str(error)
-        raise SSGIError(f"cannot write {path}: {reason}; choose another place or make room there") from error
+        raise OutputError(
+            f"cannot write {path}: {reason}; choose another place or make room there"
+        ) from error
     finally:
         # After success the name is gone; after a failure nothing half-written may stay. Where the folder
         # itself is gone or locked, the message above says all there is to say.
@@ -66,7 +70,7 @@ def check_writable(folder: Path) -> None:
 
     Raises
     ------
-    SSGIError
+    OutputError
         If it cannot.
     """
     existing = folder.absolute()
@@ -74,12 +78,12 @@ def check_writable(folder: Path) -> None:
         while not existing.exists() and existing != existing.parent:
             existing = existing.parent
         if not existing.is_dir():
-            raise SSGIError(f"cannot write to {folder}: {existing} is not a folder; choose another place")
+            raise OutputError(f"cannot write to {folder}: {existing} is not a folder; choose another place")
         probe = existing / _temporary_name()
         probe.touch()
         probe.unlink()
     except OSError as error:
-        raise SSGIError(
+        raise OutputError(
             f"cannot write to {folder}: {error.strerror or error}; choose another place"
         ) from error
 
@@ -102,6 +106,14 @@ def discard(path: Path) -> None:
     """Delete a file if it is there and can be deleted."""
     with suppress(OSError):
         path.unlink()
+
+
+def discard_folder(folder: Path) -> None:
+    """Delete a folder, also while another thread goes on to write into it, as far as it can be deleted."""
+    for _ in range(_DELETIONS):
+        shutil.rmtree(folder, ignore_errors=True)
+        if not folder.exists():
+            return
 
 
 def new_folder(parent: Path) -> Path:
@@ -138,7 +150,7 @@ def scratch_folder() -> Iterator[Path]:
     try:
         yield folder
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        discard_folder(folder)
 
 
 def write_json(path: Path, data: Any) -> None:

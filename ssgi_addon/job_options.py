@@ -94,9 +94,12 @@ class JobOptions:
     overwrite
         Replace results that are there already.
     resume
-        Skip frames whose result is there already, unless `overwrite` is on; without either they are refused.
+        Skip frames whose result is there already, made with the same settings, unless `overwrite` is on;
+        without either, results that are there are refused.
     enable_autoexec
         Run the scripts and drivers of the .blend file.
+    shot
+        Folder of a prepared shot, whose captures the frames read; None renders each by itself.
     """
 
     output: Path
@@ -107,6 +110,7 @@ class JobOptions:
     overwrite: bool = False
     resume: bool = False
     enable_autoexec: bool = False
+    shot: Path | None = None
     samples: int = option(
         _DEFAULT["samples"],
         "Samples per pixel of the direct light",
@@ -214,9 +218,10 @@ class JobOptions:
         label="Layer Behind",
     )
     keep_world: bool = option(
-        True,
-        "Go on with views of earlier frames and average their fills, until anything but the camera moves. "
-        "Off, each frame is the same whichever frames were rendered before it",
+        False,
+        "Go on with views of earlier frames and average their fills, until anything but the camera moves: "
+        "less flicker where one process renders all frames. Off, each frame is the same whichever frames "
+        "were rendered before it",
         label="Keep Between Frames",
     )
     save_passes: bool = option(

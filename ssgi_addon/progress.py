@@ -11,6 +11,8 @@ BAR_WIDTH = 28
 LOG_STEP = 0.1
 #: A line that `tell` prints begins so; all others are Blender's.
 MARK = "ssgi-progress"
+#: How progress is told: a bar or lines for people, or the lines of Open Job Description's sessions.
+STYLES = ("auto", "bar", "lines", "openjd")
 
 
 def printable(text: object) -> str:
@@ -40,13 +42,16 @@ class Progress:
 
     Parameters
     ----------
+    style
+        One of `STYLES`; "auto" is a bar on a terminal and lines elsewhere.
     stream
-        Where to; None means standard error, so that results can be piped.
+        Where to; None means standard error, so that results can be piped, or where the style wants it.
     """
 
-    def __init__(self, stream: TextIO | None = None) -> None:
-        self._stream = sys.stderr if stream is None else stream
-        self._is_terminal = self._stream.isatty()
+    def __init__(self, style: str = STYLES[0], stream: TextIO | None = None) -> None:
+        self._is_job = style == "openjd"
+        self._stream = stream or (sys.stdout if self._is_job else sys.stderr)
+        self._is_terminal = style == "bar" or (style == "auto" and self._stream.isatty())
         self._shown: tuple[int, str] | None = None
         self._has_bar = False
 
@@ -59,14 +64,26 @@ class Progress:
         self._shown = (step, text)
         if self._is_terminal:
             self._draw_bar(fraction, text)
+        elif self._is_job:
+            self._say("progress", f"{100.0 * fraction:.1f}")
+            self._say("status", text)
         else:
             print(f"{fraction:4.0%} {text}", file=self._stream, flush=True)
+
+    def fail(self, reason: str) -> None:
+        """Tell a queue why the work failed; people read it in the error's own line."""
+        if self._is_job:
+            self._say("fail", printable(reason))
 
     def close(self) -> None:
         """Leave the bar's line, so that what follows starts on its own."""
         if self._has_bar:
             print(file=self._stream, flush=True)
             self._has_bar = False
+
+    def _say(self, what: str, text: str) -> None:
+        """Print a line for a session of Open Job Description ("How Jobs Are Run", messages)."""
+        print(f"openjd_{what}: {text}", file=self._stream, flush=True)
 
     def _draw_bar(self, fraction: float, text: str) -> None:
         filled = round(fraction * BAR_WIDTH)

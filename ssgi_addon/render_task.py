@@ -52,6 +52,7 @@ def read_task(path: Path) -> RenderTask:
         name: tuple(value) if isinstance(value, list) else value for name, value in data["options"].items()
     }
     options["output"] = Path(options["output"])
+    options["shot"] = options["shot"] and Path(options["shot"])
     options["settings"] = settings_from_json(options["settings"])
     return RenderTask(**{**data, "blend": Path(data["blend"]), "options": JobOptions(**options)})
 

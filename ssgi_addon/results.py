@@ -14,7 +14,6 @@ import numpy as np
 from . import __version__
 from .core import IndirectLight, Settings, composite, render_indirect
 from .core.metrics import compare_images
-from .earlier_results import RECIPE, Recipe, recipe_text
 from .errors import SSGIError
 from .exr import write_layers
 from .exr_header import read_headers
@@ -22,6 +21,7 @@ from .files import check_writable, discard_abandoned
 from .frame import CapturedFrame
 from .memory import APPLY_BYTES, check_memory
 from .passes import read_passes
+from .recipe import RECIPE, Recipe, recipe_text
 
 FloatArray = np.ndarray[Any, np.dtype[np.float32]]
 Progress = Callable[[float, str], None]

@@ -18,7 +18,7 @@ import bpy
 from docs.pictures.panels import IMAGES, Shown, write_panels
 from ssgi_addon.blender.demo_scene import build_demo_scene
 from ssgi_addon.blender.display import to_display
-from ssgi_addon.blender.job import make_picture
+from ssgi_addon.blender.one_frame import make_picture
 from ssgi_addon.blender.reference import ReferenceOptions, render_reference
 from ssgi_addon.heatmap import error_map
 from ssgi_addon.job_options import JobOptions

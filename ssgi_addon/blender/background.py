@@ -15,7 +15,8 @@ from ..errors import SSGIError
 from ..files import check_writable, discard_unfinished, new_folder
 from ..job_options import JobOptions
 from ..render_task import COMMAND, RenderTask, write_task
-from .job import frame_stems, made_with, shown_result
+from .job import shown_result
+from .one_frame import frame_stems, made_with
 from .restore import Restorer
 from .scene_file import scripts_may_run
 

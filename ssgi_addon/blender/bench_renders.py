@@ -18,8 +18,8 @@ from ..results import Picture
 from . import compat
 from .cycles_passes import CYCLES, render_passes
 from .eevee_passes import render_eevee_passes
-from .job import make_picture
 from .kept_world import KeptWorld
+from .one_frame import make_picture
 from .render_settings import borrow_denoiser, borrow_passes, borrow_scene
 from .restore import Restorer
 

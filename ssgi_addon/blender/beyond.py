@@ -149,7 +149,13 @@ class BeyondTheFrame:
         self.report(0.6, "Fill")
         denoiser = self.options.fill_denoiser
         is_clean = denoiser != "none"
-        fill, seconds = capture_fill(self.scene, self.view_layer, samples=self.options.fill, is_fine=is_clean)
+        fill, seconds = capture_fill(
+            self.scene,
+            self.view_layer,
+            samples=self.options.fill,
+            is_fine=is_clean,
+            share=1.0 if self.kept is None else self.kept.fill_share,
+        )
         begun = time.perf_counter()
         if self.kept is not None:
             fill = self.kept.averaged(fill)

@@ -97,6 +97,8 @@ def capture_frame(
         frame = replace(frame, environment=_environment(world, frame.camera))
         if kept is not None:
             kept.look_at(scene, view_layer)
+            if kept.note:
+                frame = replace(frame, notes=(*frame.notes, kept.note))
         frame = BeyondTheFrame(engine, scene, view_layer, options, report, kept).added_to(frame)
     if options.denoiser != "none" and engine.denoises and not is_denoised:
         note = "This Blender has no denoiser: the direct light is not denoised."

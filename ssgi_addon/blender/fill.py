@@ -34,7 +34,12 @@ _LIGHT_PASSES = ("Diffuse Indirect", "Glossy Indirect")
 
 
 def capture_fill(
-    scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, *, samples: int, is_fine: bool = False
+    scene: bpy.types.Scene,
+    view_layer: bpy.types.ViewLayer,
+    *,
+    samples: int,
+    is_fine: bool = False,
+    share: float = 1.0,
 ) -> tuple[Fill, float]:
     """Render geometry and indirect light of every fourth pixel each way, in one render.
 
@@ -53,6 +58,8 @@ def capture_fill(
         that depth and normal describe.
     is_fine
         Spread the samples over more pixels: over every second one each way, or all, if they are enough.
+    share
+        Of the samples that are rendered, at least one a pixel: other fills are there to be merged with.
 
     Returns
     -------
@@ -67,7 +74,7 @@ def capture_fill(
         If the render was cancelled.
     """
     stride = next((stride for least, stride in _FINE_STRIDES if is_fine and samples >= least), _STRIDE)
-    samples = round(samples * (stride / BLOCK) ** 2)
+    samples = max(1, round(share * samples * (stride / BLOCK) ** 2))
     with Restorer() as restorer:
         _borrow_small_frame(restorer, scene, stride)
         borrow_pixel_centers(restorer, scene)

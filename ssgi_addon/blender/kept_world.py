@@ -42,9 +42,14 @@ class KeptWorld:
         Share of rays that the frame which took the views lost all the same.
     frame
         Its number.
+    fill_share
+        Of its fill that a frame has to render itself.
+    note
+        What the user should know of it at the frame that was looked at last; empty where nothing.
     """
 
     def __init__(self) -> None:
+        self.note, self.fill_share = "", 1.0
         self._state = b""
         self._forget()
 

@@ -15,7 +15,7 @@ from ..job_options import JobOptions
 from ..results import FloatArray, Picture
 from .camera import full_size
 from .float_image import show_in_image
-from .job import make_picture
+from .one_frame import make_picture
 
 IMAGE_NAME = "SSGI Preview"
 _PRESET = "draft"

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import atexit
 import os
-import shutil
 from pathlib import Path
 from typing import NoReturn
 
@@ -14,7 +13,7 @@ import bpy
 from ..bpy_module import end_at_once
 from ..child import ended_with_parent
 from ..errors import SSGIError
-from ..files import discard_unfinished
+from ..files import discard_folder, discard_unfinished
 from ..progress import tell
 from ..render_task import read_task
 from .job import render_frames
@@ -38,7 +37,7 @@ def work(task_path: Path) -> NoReturn:
 
     def clean() -> None:
         discard_unfinished(task.options.output, os.getpid())
-        shutil.rmtree(task.blend.parent, ignore_errors=True)
+        discard_folder(task.blend.parent)
 
     with ended_with_parent(clean):
         if hasattr(os, "nice"):

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
+import os
 import sys
 from pathlib import Path
 
@@ -49,6 +51,34 @@ def refuse_unread_file() -> None:
     named = [text for text in own_arguments if text.endswith(".blend")]
     if named and not bpy.data.filepath:
         raise SSGIError(f"Blender could not open {named[-1]}: check the path")
+
+
+def content_hash() -> str | None:
+    """Return a hash of the open file and of those that it names; None where it was never saved.
+
+    Of the file itself and of its libraries all bytes count, of textures, caches and the like the sizes: they
+    may be many and large. Where they lie never counts.
+    """
+    if not bpy.data.filepath:
+        return None
+    libraries = {bpy.path.abspath(item.filepath) for item in bpy.data.libraries}
+    others = set(bpy.utils.blend_paths(absolute=True, packed=False, local=False)) - libraries
+    told = [sorted(_bytes_hash(path) for path in libraries), sorted(_name_and_size(path) for path in others)]
+    digest = hashlib.blake2b(repr([_bytes_hash(bpy.data.filepath), *told]).encode(), digest_size=8)
+    return digest.hexdigest()
+
+
+def _bytes_hash(path: str) -> str:
+    """Return a hash of a file; of one that is not there, too, for Blender itself goes on without it."""
+    try:
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, "blake2b").hexdigest()
+    except OSError:
+        return ""
+
+
+def _name_and_size(path: str) -> tuple[str, int]:
+    return os.path.basename(path), os.path.getsize(path) if os.path.isfile(path) else -1
 
 
 def scripts_may_run() -> bool:

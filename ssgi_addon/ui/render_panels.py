@@ -11,7 +11,7 @@ from ..blender import compare_image, compositor
 from ..blender.camera import camera_obstacle, full_size
 from ..blender.capture_costs import cost_shares
 from ..blender.cycles_passes import CYCLES
-from ..blender.job import VIEW_SAMPLES
+from ..blender.one_frame import VIEW_SAMPLES
 from ..core.settings import DiffuseSettings, ReflectionSettings, Settings
 from ..job_options import BEYOND_FRAME, CYCLES_ONLY
 from ..last_result import frame_record, reasons_skipped

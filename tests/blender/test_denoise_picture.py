@@ -11,9 +11,9 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from ssgi_addon.blender import denoise_picture as module
-from ssgi_addon.blender import job
+from ssgi_addon.blender import one_frame
 from ssgi_addon.blender.denoise_picture import can_denoise_pictures, denoise_picture
-from ssgi_addon.blender.job import make_picture
+from ssgi_addon.blender.one_frame import make_picture
 from ssgi_addon.core import Settings, composite
 from ssgi_addon.errors import SSGIError
 from ssgi_addon.job_options import JobOptions
@@ -122,7 +122,7 @@ def test_sum_is_clean_and_its_parts_are_as_they_came(denoiser, options):
 
 
 def test_without_a_denoiser_our_filters_clean_and_a_note_says_so(room, options, monkeypatch):
-    monkeypatch.setattr(job, "can_denoise_pictures", lambda scene: False)
+    monkeypatch.setattr(one_frame, "can_denoise_pictures", lambda scene: False)
     picture, seconds = make_picture(room, options)
     plain, _ = make_picture(room, replace(options, denoiser="none"))
     assert "denoise" not in seconds

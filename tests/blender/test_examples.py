@@ -23,7 +23,7 @@ ROOT = Path(__file__).resolve().parents[2]
 def test_turntable_shows_a_model_from_all_sides(tmp_path):
     script = str(ROOT / "examples" / "turntable.py")
     options = ["--frames", "3", "--resolution", "64", "36", "--preset", "draft", "--output", "table"]
-    for further in ([], ["--resume"]):
+    for further in ([], ["--overwrite"], []):
         done = subprocess.run(
             [sys.executable, script, *options, *further],
             cwd=tmp_path,

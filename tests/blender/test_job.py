@@ -12,15 +12,19 @@ import pytest
 bpy = pytest.importorskip("bpy")
 pytest.importorskip("OpenEXR")
 
-from ssgi_addon.blender import job
+from ssgi_addon.blender import one_frame
 from ssgi_addon.blender.job import render_frame, render_frames
+from ssgi_addon.camera_file import camera_from_json
 from ssgi_addon.earlier_results import was_skipped
-from ssgi_addon.errors import SSGIError
+from ssgi_addon.errors import OutputError, SSGIError
 from ssgi_addon.exr import read_layers
+from ssgi_addon.files import read_json
+from ssgi_addon.manifest import manifest_path, read_manifest
 from tests.blender.fingerprint import changes, fingerprint
 from tests.blender.small_jobs import small_job
 from tests.blender.test_roughness import add_tile, look_down, material_of
 from tests.scenes import build_mirror_floor, build_moving_room
+from tests.tolerances import FLOAT32_DISTANCE
 
 
 @pytest.fixture
@@ -79,14 +83,12 @@ def test_scene_is_as_before_when_any_step_is_interrupted(room, options):
         assert changes(before, fingerprint()) == {}, step
 
 
-@pytest.mark.parametrize(
-    "step", ["compute_picture", "write_display_png", "write_picture", "compare_with_cycles"]
-)
+@pytest.mark.parametrize("step", ["compute_picture", "to_display", "write_picture", "compare_with_cycles"])
 def test_scene_is_as_before_when_a_step_fails(room, options, monkeypatch, step):
     def fail(*arguments, **named):
         raise ZeroDivisionError
 
-    monkeypatch.setattr(job, step, fail)
+    monkeypatch.setattr(one_frame, step, fail)
     before = fingerprint()
     with pytest.raises(ZeroDivisionError):
         render_frames(room, replace(options, frames=(3,), compare=True))
@@ -116,28 +118,73 @@ def test_materials_of_every_origin_are_as_before(empty_file, options, tmp_path):
 # --- What is written --------------------------------------------------------------------------------------
 
 
-def test_a_failure_before_the_picture_writes_nothing(room, options, monkeypatch):
+def test_a_failure_before_the_picture_writes_its_reason_alone(room, options, monkeypatch):
     def fail(*arguments, **named):
         raise SSGIError("not enough memory")
 
-    monkeypatch.setattr(job, "compute_picture", fail)
+    monkeypatch.setattr(one_frame, "compute_picture", fail)
     with pytest.raises(SSGIError):
         render_frames(room, replace(options, save_passes=True))
-    assert not options.output.exists()
+    written = sorted(path.name for path in options.output.rglob("*") if path.is_file())
+    assert written == ["report.json", "untitled_0002.json"]
+    assert read_manifest(manifest_path(options.output, "untitled", 2))["failure"] == "not enough memory"
 
 
-def test_frames_done_before_a_failure_are_in_the_report(room, options, monkeypatch):
-    def fail_later(picture, path, recipe, write=job.write_picture):
-        if path.stem.endswith("3"):
-            raise SSGIError("no room")
-        write(picture, path, recipe)
+def test_frame_that_fails_does_not_stop_the_others(room, options, monkeypatch):
+    def fail_once(*arguments, capture=one_frame.capture_frame):
+        if arguments[1].frame == 2:
+            raise SSGIError("no camera")
+        return capture(*arguments)
 
-    monkeypatch.setattr(job, "write_picture", fail_later)
-    with pytest.raises(SSGIError):
+    monkeypatch.setattr(one_frame, "capture_frame", fail_once)
+    with pytest.raises(SSGIError, match="^frames 2 of 3 failed: no camera$"):
+        render_frames(room, replace(options, frames=(1, 2, 3)))
+    report = read_report(options)
+    assert [record["frame"] for record in report["frames"]] == [1, 3]
+    assert report["failures"] == [{"frame": 2, "why": "no camera"}]
+    assert read_manifest(manifest_path(options.output, "untitled", 2))["failure"] == "no camera"
+    monkeypatch.undo()
+    report, results = render_frames(room, replace(options, frames=(1, 2, 3), resume=True))
+    assert [result.record["frame"] for result in results] == [2]
+    assert report["failures"] == []
+    assert read_manifest(manifest_path(options.output, "untitled", 2))["failure"] is None
+
+
+def test_results_that_cannot_be_written_stop_the_job(room, options, monkeypatch):
+    tried = []
+
+    def fail(picture, path, recipe):
+        tried.append(path.stem)
+        raise OutputError("no room")
+
+    monkeypatch.setattr(one_frame, "write_picture", fail)
+    with pytest.raises(OutputError, match="^no room$"):
         render_frames(room, replace(options, frames=(1, 3)))
-    assert [record["frame"] for record in read_report(options)["frames"]] == [1]
-    assert (options.output / "untitled_0001.exr").exists()
-    assert not (options.output / "untitled_0003.exr").exists()
+    assert tried == ["untitled_0001"]
+    assert not manifest_path(options.output, "untitled", 1).exists()
+
+
+def test_manifest_tells_what_a_frame_was_made_with_and_samples_it(room, options):
+    render_frames(room, replace(options, frames=(2,), resolution=(500, 20), save_passes=True))
+    path = manifest_path(options.output, "untitled", 2)
+    manifest = read_manifest(path)
+    (record,) = read_report(options)["frames"]
+    assert manifest["record"] == record
+    assert manifest["settings_hash"] == record["settings_hash"]
+    assert manifest["settings"]["samples"] == options.samples
+    assert manifest["process"]["started"] < manifest["finished"]
+    samples = read_layers(path.with_suffix(".exr"))
+    whole = read_layers(options.output / "untitled_0002.exr")
+    # Every third pixel, the middle one of each block
+    np.testing.assert_array_equal(samples["diffuse"], whole["diffuse"][1::3, 1::3])
+    camera = camera_from_json(manifest["camera"], path)
+    assert (camera.height, camera.width) == samples["depth"].shape
+    passes = options.output / "passes" / "untitled_0002.json"
+    full = camera_from_json(read_json(passes)["camera"], passes)
+    for place in ((0, 0), (5, 80)):
+        toward = camera.pixel_to_view(place[1] + 0.5, place[0] + 0.5, 1.0)
+        expected = full.pixel_to_view(3 * place[1] + 1.5, 3 * place[0] + 1.5, 1.0)
+        np.testing.assert_allclose(toward, expected, rtol=FLOAT32_DISTANCE)
 
 
 def test_later_frame_that_is_there_already_stops_before_the_first(room, options):
@@ -175,9 +222,9 @@ def test_later_records_outlive_a_second_stop(room, options, monkeypatch):
     render_frames(room, replace(options, frames=(3,)))
 
     def fail(picture, path, recipe):
-        raise SSGIError("no room")
+        raise OutputError("no room")
 
-    monkeypatch.setattr(job, "write_picture", fail)
+    monkeypatch.setattr(one_frame, "write_picture", fail)
     with pytest.raises(SSGIError, match="no room"):
         render_frames(room, replace(options, frames=(1, 3), resume=True))
     assert [record["frame"] for record in read_report(options)["frames"]] == [3]

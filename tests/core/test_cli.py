@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import ssgi_addon
-from ssgi_addon import bpy_module, cli, earlier_results
+from ssgi_addon import bpy_module, cli, earlier_results, render_command
 from ssgi_addon.bpy_module import explain_import_error, require_bpy
 from ssgi_addon.cli import main
 from ssgi_addon.core import Settings
@@ -50,14 +50,15 @@ def calls(monkeypatch):
     job.run_job, job.run_demo = run_job, run_demo
     monkeypatch.setitem(sys.modules, JOB, job)
     monkeypatch.setattr(cli, "apply_passes", apply_passes)
-    monkeypatch.setattr(cli, "require_bpy", lambda: None)
+    for module in (cli, render_command):
+        monkeypatch.setattr(module, "require_bpy", lambda: None)
     return made
 
 
 def test_render_has_the_defaults_of_the_contract(calls, capsys):
     assert main(["render", "scene.blend", "--output", "out"]) == 0
     ((scene, options),) = calls
-    assert (scene, options) == (Path("scene.blend"), JobOptions(output=Path("out")))
+    assert (scene, options) == (Path("scene.blend"), JobOptions(output=Path("out"), resume=True))
     assert (options.engine, options.settings) == ("cycles", Settings.preset("balanced"))
     assert not any((options.overwrite, options.compare, options.save_passes))
     out, err = capsys.readouterr()
@@ -93,6 +94,7 @@ def test_render_hands_every_option_on(calls):
         reference_samples=12,
         save_passes=True,
         overwrite=True,
+        resume=True,
     )
 
 
@@ -111,13 +113,13 @@ def test_who_asks_for_rays_gets_their_light(calls, line, mode):
     assert calls[0][1].settings.fill_mode == mode
 
 
-def test_resume_is_handed_on_and_skipped_frames_are_named(calls, monkeypatch, capsys):
+def test_frames_that_are_there_are_skipped_and_named(calls, monkeypatch, capsys):
     skipped = {"frame": 2, "seconds": {}, "metrics": None, "skipped": [earlier_results.SKIPPED]}
     job = sys.modules[JOB]
     monkeypatch.setattr(
         job, "run_job", lambda *given: calls.append(given) or {"frames": [skipped]}, raising=True
     )
-    assert main(["render", "a.blend", "--output", "out", "--resume"]) == 0
+    assert main(["render", "a.blend", "--output", "out"]) == 0
     assert calls[0][1].resume
     assert "frame 2: there already" in capsys.readouterr().out
 
@@ -150,7 +152,10 @@ def test_scene_may_be_left_out_inside_blender_only(calls, capsys):
         "",
         "paint",
         "render a.blend",
-        "render a.blend --output out --overwrite --resume",
+        "render a.blend --output out --shot shot --keep-world",
+        "render a.blend --output out --progress loud",
+        "prepare a.blend --output out --keys 0",
+        "prepare a.blend",
         "render a.blend --output out --resolution 0x9",
         "render a.blend --output out --resolution 9",
         "render a.blend --output out --resolution -9x9",
@@ -342,7 +347,7 @@ class Terminal(io.StringIO):
 
 def test_log_gets_plain_lines_and_not_too_many():
     log = io.StringIO()
-    progress = Progress(log)
+    progress = Progress(stream=log)
     for step in range(1001):
         progress(step / 1000, "tracing")
     progress.close()
@@ -355,7 +360,7 @@ def test_log_gets_plain_lines_and_not_too_many():
 
 def test_terminal_gets_a_bar_on_one_line():
     terminal = Terminal()
-    progress = Progress(terminal)
+    progress = Progress(stream=terminal)
     progress(0.0, "capture")
     progress(0.5, "tracing " + 300 * "x")
     progress(2.0, "done")

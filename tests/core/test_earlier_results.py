@@ -11,12 +11,14 @@ import pytest
 
 pytest.importorskip("OpenEXR")
 
-from ssgi_addon.core import Settings
-from ssgi_addon.earlier_results import check_output, finished_frames, recipe_hash, recipe_text, was_skipped
+from ssgi_addon.core import Camera, Settings
+from ssgi_addon.earlier_results import SKIPPED, check_output, finished_frames, was_skipped
 from ssgi_addon.errors import SSGIError
 from ssgi_addon.exr import write_layers
-from ssgi_addon.files import write_json
+from ssgi_addon.files import read_json, write_json
 from ssgi_addon.job_options import JobOptions
+from ssgi_addon.manifest import manifest_path, read_manifest, write_failure, write_manifest
+from ssgi_addon.recipe import recipe_hash, recipe_text
 from ssgi_addon.render_task import RenderTask, read_task, write_task
 
 STEMS = {1: "room_0001", 2: "room_0002", 3: "room_0003"}
@@ -35,11 +37,16 @@ def write_result(path, recipe=RECIPE):
 
 @pytest.fixture
 def options(tmp_path):
-    """Frames 1 and 3 are there, the report knows the first."""
+    """Frames 1 and 3 are there."""
+    camera = Camera.perspective(4, 3, 1.0)
     for frame in (1, 3):
         write_result(tmp_path / f"{STEMS[frame]}.exr")
-    record = {"frame": 1, "seconds": {"total": 2.0}, "skipped": [{"what": "fill", "why": "0 samples"}]}
-    write_json(tmp_path / "report.json", {"frames": [record]})
+        record = {
+            "frame": frame,
+            "seconds": {"total": 2.0},
+            "skipped": [{"what": "fill", "why": "0 samples"}],
+        }
+        write_manifest(tmp_path, "room", record, camera, RECIPE, {"ssgi": "1.2.3"})
     return JobOptions(tmp_path)
 
 
@@ -61,14 +68,15 @@ def test_finished_frames_keep_their_entry_and_say_that_they_were_skipped(options
     assert all(was_skipped(record) for record in kept.values())
     assert kept[1]["seconds"] == {"total": 2.0}
     assert kept[1]["skipped"][0]["what"] == "fill"
-    assert (kept[3]["frame"], kept[3]["seconds"], kept[3]["metrics"]) == (3, {}, None)
+    assert kept[3]["frame"] == 3
 
 
-def test_frame_that_is_skipped_again_says_so_once(options):
-    options = replace(options, resume=True)
-    first = finished_frames(options, STEMS, RECIPE)
-    write_json(options.output / "report.json", {"frames": list(first.values())})
-    assert finished_frames(options, STEMS, RECIPE) == first
+def test_frame_that_is_skipped_says_so_once(options):
+    path = manifest_path(options.output, "room", 1)
+    manifest = read_json(path)
+    manifest["record"]["skipped"].append(SKIPPED)
+    write_json(path, manifest)
+    assert finished_frames(replace(options, resume=True), STEMS, RECIPE)[1]["skipped"].count(SKIPPED) == 1
 
 
 def test_frame_without_its_comparison_is_not_finished(options):
@@ -122,9 +130,28 @@ def test_name_that_no_disk_takes_is_refused_before_the_work(options):
         check_output(options, {1: "ß" * 121}, RECIPE)
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", '{"frames": [{}]}', '{"frames": 1}'])
-def test_damaged_report_costs_its_entries_alone(options, text):
-    (options.output / "report.json").write_text(text)
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"format": "ssgi-frame", "version": 1}', '{"frames": 1}'])
+def test_frame_without_a_whole_manifest_is_rendered_again(options, text):
+    manifest_path(options.output, "room", 1).write_text(text)
+    resumed = replace(options, resume=True)
+    check_output(resumed, STEMS, RECIPE)
+    assert finished_frames(resumed, STEMS, RECIPE).keys() == {3}
+
+
+def test_manifest_of_other_settings_is_none_of_a_picture(options):
+    """As where a run that replaces results was killed between the two."""
+    camera = Camera.perspective(4, 3, 1.0)
+    record = {"frame": 1, "seconds": {}, "skipped": []}
+    write_manifest(options.output, "room", record, camera, {**RECIPE, "samples": 5}, {})
+    assert finished_frames(replace(options, resume=True), STEMS, RECIPE).keys() == {3}
+
+
+def test_failure_is_told_but_not_of_a_frame_that_is_finished(options):
+    for frame in (1, 2):
+        write_failure(options.output, "room", frame, "no camera", RECIPE, {})
+    first, second = (read_manifest(manifest_path(options.output, "room", frame)) for frame in (1, 2))
+    assert (first["failure"], first["record"]["frame"]) == (None, 1)
+    assert (second["failure"], second["record"]) == ("no camera", None)
     assert finished_frames(replace(options, resume=True), STEMS, RECIPE).keys() == {1, 3}
 
 
@@ -137,6 +164,7 @@ def test_task_reads_back(tmp_path):
         frames=(1, 3),
         resume=True,
         engine="eevee",
+        shot=tmp_path / "shot",
     )
     for wanted in (options, JobOptions(tmp_path)):
         task = RenderTask(tmp_path / "Größe.blend", "Scene", "View Layer", wanted)

@@ -143,14 +143,16 @@ def assert_march_is_the_loop(frame, origin, direction, step, bisections, starts_
         field, origin, direction, march=MarchOptions(step, bisections), starts_on_surface=starts_on_surface
     )
 
-    def loop(start, toward):
+    def agrees(one, start, toward):
         rays = tracer.project_rays(field, start[:, None].copy(), toward[:, None].copy())
-        return march_ray(field, rays, 0, toward, step, bisections, starts_on_surface)
+        answer = march_ray(field, rays, 0, toward, step, bisections, starts_on_surface)
+        # A parallel ray that ends before it comes into view tells where, the loop does not
+        told = 2 if camera.is_orthographic and answer[2] == math.inf else 3
+        return is_same_answer(one[:told], answer[:told])
 
     for number, (start, toward) in enumerate(zip(origin.T, direction.T)):
         one = [values[number] for values in (found.status, found.pixel, found.distance)]
-        answers = (loop(*beside) for beside in rays_beside(start, toward))
-        assert any(is_same_answer(one, answer) for answer in answers), (start, toward, one)
+        assert any(agrees(one, *beside) for beside in rays_beside(start, toward)), (start, toward, one)
 
 
 @given(frames(), STEPS, st.sampled_from([0, 1, 5]))

@@ -142,11 +142,13 @@ def kill_renders(blend: Path, folder: Path, count: int, rng: np.random.Generator
         is_over_older = bool(index % 2)
         if is_over_older:
             shutil.copytree(folder / "old", output)
-        way = ["--overwrite"] if is_over_older else ["--resume"]
+        way = ["--overwrite"] if is_over_older else []
         command = render_command(blend, output, *way)
         was_killed = kill(command, temporary, seconds, rng, "Writing", frames=3)
         faults = list(half_files(output, old if is_over_older else {}, new))
-        kept = {path: path.stat().st_mtime_ns for path in output.glob("*.exr")}
+        # A frame is finished once its manifest is there
+        finished = [output / f"{path.stem}.exr" for path in output.glob("frames/*.json")]
+        kept = {path: path.stat().st_mtime_ns for path in finished}
         run(command, temporary)
         if files_below(output) != new:
             faults.append("the next run did not finish the rest")
@@ -212,7 +214,7 @@ def kill_windows(blend: Path, folder: Path, count: int, rng: np.random.Generator
     kills, cache, temporary = Kills(), folder / "cache", folder / "temporary"
     for place in (cache, temporary):
         place.mkdir(parents=True)
-    run(render_command(blend, folder / "new"), temporary)
+    run([sys.executable, "-c", WINDOW, str(blend), str(folder / "new"), str(cache)], temporary)
     old, new = write_old(folder / "old", files_below(folder / "new")), files_below(folder / "new")
     for index in range(count):
         output = folder / f"out{index}"
