@@ -87,6 +87,8 @@ def borrow_scene(
             use_sample_subset=False,
             time_limit=0.0,
             use_fast_gi=False,
+            # What it has learned goes on from frame to frame where Cycles' scene is kept
+            use_guiding=False,
         )
     return layer
 

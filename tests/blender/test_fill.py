@@ -34,6 +34,8 @@ from tests.tolerances import (
 )
 
 OPTIONS = CaptureOptions(samples=1, denoiser="none", resolution=(32, 20), fill=4)
+# Samples after which guided paths go other ways than those before them.
+LEARNING = 8
 
 
 @pytest.fixture
@@ -185,6 +187,17 @@ def test_bounces_are_those_of_the_scene(room):
     _, none = fill_in(room, replace(OPTIONS, fill=32))
     assert many.diffuse.mean() > 1.3 * one.diffuse.mean() > 0.0
     assert none.diffuse.max() == 0.0
+
+
+def test_fill_is_the_same_after_another_where_the_scene_guides_its_paths(room):
+    """What guiding has learned would go on where Cycles' scene is kept, and light would depend on it."""
+    room.cycles.use_guiding = True
+    room.render.use_persistent_data = True
+    options = replace(OPTIONS, fill=16 * LEARNING)
+    _, first = fill_in(room, options)
+    _, second = fill_in(room, options)
+    assert np.array_equal(first.diffuse, second.diffuse)
+    assert room.cycles.use_guiding
 
 
 def test_clamping_is_off_in_the_fill_alone(room):
