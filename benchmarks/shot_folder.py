@@ -84,7 +84,7 @@ def stopped_faults(job: ShotJob, wanted: Mapping[str, bytes], before: Stamps) ->
 
 
 def final_faults(job: ShotJob, wanted: Mapping[str, bytes], before: Stamps, temporary: Path) -> list[str]:
-    """Say what is wrong with what a job has left at its end, in its folder and in that for temporary files."""
+    """Say what is wrong with what a job has left at its end, there and in the system's temporary folder."""
     faults = stopped_faults(job, wanted, before)
     if pictures(job).keys() != wanted.keys():
         faults.append("not all frames are there")
