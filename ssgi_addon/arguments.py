@@ -145,16 +145,18 @@ def frame_list(text: str) -> tuple[int, ...]:
 
 
 def _frame_range(part: str, text: str) -> range:
-    found = re.fullmatch(r"(-?\d+)(?:-(-?\d+)(?::(\d+))?)?", part)
+    found = re.fullmatch(r"(-?\d+)(?:\s*-\s*(-?\d+)(?:\s*:\s*(-?\d+))?)?", part)
     if found is None:
         raise argparse.ArgumentTypeError(
             f"expected frames and ranges FIRST-LAST or FIRST-LAST:STEP, such as 1-4,7,10-48:2, got {text!r}"
         )
     first = int(found[1])
     last, step = int(found[2] or first), int(found[3] or 1)
-    if last < first or step < 1 or (last - first) // step >= MOST_FRAMES:
-        raise argparse.ArgumentTypeError(f"expected FIRST <= LAST and a STEP of 1 or more, got {text!r}")
-    return range(first, last + 1, step)
+    if step == 0 or (last - first) * step < 0 or (last - first) // step >= MOST_FRAMES:
+        raise argparse.ArgumentTypeError(
+            f"expected a STEP that leads from FIRST to LAST, at most {MOST_FRAMES} times, got {text!r}"
+        )
+    return range(first, last + (1 if step > 0 else -1), step)
 
 
 def frame_text(frames: Iterable[int]) -> str:

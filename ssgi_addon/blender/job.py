@@ -154,11 +154,13 @@ class _Job:
         else:
             self.results.append(result)
             self.records[frame] = result.record
-        self.write_report()
+            self.write_report()
 
     def _note_failure(self, frame: int, error: SSGIError) -> None:
         self.failures[frame] = str(error)
-        write_failure(self.options.output, scene_name(), frame, str(error), self.recipe, versions())
+        if self.options.output.exists():  # what brought nothing makes no folder
+            write_failure(self.options.output, scene_name(), frame, str(error), self.recipe, versions())
+            self.write_report()
 
     def write_report(self) -> None:
         """Write what is known so far."""

@@ -31,3 +31,17 @@ def test_frames_are_told_shortly(frames, text):
 def test_any_frames_read_back(frames):
     text = frame_text(frames)
     assert (frame_list(text) if text else ()) == tuple(sorted(frames))
+
+
+@pytest.mark.parametrize(
+    ("text", "frames"),
+    [
+        ("1 - 4, 7", (1, 2, 3, 4, 7)),
+        ("10-1:-3", (1, 4, 7, 10)),
+        ("1-9:4,2,5", (1, 2, 5, 9)),
+        ("-3--1", (-3, -2, -1)),
+    ],
+)
+def test_lists_are_read_as_queues_write_them(text, frames):
+    """Open Job Description's range expressions have spaces and steps down, too."""
+    assert frame_list(text) == frames
