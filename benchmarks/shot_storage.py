@@ -110,14 +110,14 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=12, help="of the shot; not all are rendered")
     parser.add_argument("--output", type=Path)
     arguments = parser.parse_args()
+    parameters = {key: value for key, value in vars(arguments).items() if key != "output"}
     results = {}
     for scene in arguments.scenes:
         with tempfile.TemporaryDirectory(prefix="shot-storage-") as name:
             # As strace tells paths
             results[scene] = _measure(scene, arguments, Path(name).resolve())
-    parameters = {key: value for key, value in vars(arguments).items() if key != "output"}
-    if arguments.output:
-        store(arguments.output, parameters, results)
+        if arguments.output:
+            store(arguments.output, parameters, results)
 
 
 def _measure(scene: str, arguments: argparse.Namespace, folder: Path) -> dict[str, object]:
