@@ -35,17 +35,16 @@ def results_of(name: str) -> Mapping[str, Any]:
 def kills_table() -> str:
     """Return what stops did."""
     results = results_of("kills")
-    kills = [kill for kill in results["kills"]["kills"] if kill["phase"]]
-    rows = []
-    for way, what in (("openjd", "`openjd run`"), ("shell", "a shell's loop")):
-        own = [kill for kill in kills if kill["way"] == way]
-        hit = [sum(kill["phase"] == phase for kill in own) for phase in PHASES]
-        halves = sum(bool(kill["half_written"] or kill["has_begun_another"]) for kill in own)
-        rows.append((f"{len(own)} kills of {what}", " + ".join(map(str, hit)), halves, "", "", ""))
-    stops = (("all kills", results["kills"]), ("a full disk", results["full_disk"]))
-    for what, found in stops:
-        rows.append((what, "", "", found["kept"], found["rendered"], len(found["faults"])))
-    head = ("stopped by", "in prepare + frames + report", "with files half there")
+    all_kills, disk = results["kills"], results["full_disk"]
+    kills = [kill for kill in all_kills["kills"] if kill["phase"]]
+    hit = (sum(kill["phase"] == phase for kill in kills) for phase in PHASES)
+    halves = sum(bool(kill["half_written"] or kill["has_begun_another"]) for kill in kills)
+    kept = sum(kill["finished"] for kill in kills)
+    rows = [
+        ("a kill", len(kills), *hit, halves, kept, all_kills["rendered"], len(all_kills["faults"])),
+        ("a full disk", 1, "", 1, "", "", disk["kept"], disk["rendered"], len(disk["faults"])),
+    ]
+    head = ("stopped by", "times", *(f"in {phase}" for phase in PHASES), "with files half written")
     return _table((*head, "frames kept", "rendered after", "faults"), rows)
 
 
