@@ -5,13 +5,15 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import fields
 
 from .core.camera import LARGEST_SIDE
 from .progress import STYLES
 
 MOST_FRAMES = 1_000_000
+# Fewer frames than these, evenly apart, are shorter one by one
+_SHORTEST_RUN = 3
 
 
 def add_option(
@@ -143,27 +145,45 @@ def frame_list(text: str) -> tuple[int, ...]:
 
 
 def _frame_range(part: str, text: str) -> range:
-    found = re.fullmatch(r"(-?\d+)(?:-(-?\d+)(?::(\d+))?)?", part)
+    found = re.fullmatch(r"(-?\d+)(?:\s*-\s*(-?\d+)(?:\s*:\s*(-?\d+))?)?", part)
     if found is None:
         raise argparse.ArgumentTypeError(
             f"expected frames and ranges FIRST-LAST or FIRST-LAST:STEP, such as 1-4,7,10-48:2, got {text!r}"
         )
     first = int(found[1])
     last, step = int(found[2] or first), int(found[3] or 1)
-    if last < first or step < 1 or (last - first) // step >= MOST_FRAMES:
-        raise argparse.ArgumentTypeError(f"expected FIRST <= LAST and a STEP of 1 or more, got {text!r}")
-    return range(first, last + 1, step)
+    if step == 0 or (last - first) * step < 0 or (last - first) // step >= MOST_FRAMES:
+        raise argparse.ArgumentTypeError(
+            f"expected a STEP that leads from FIRST to LAST, at most {MOST_FRAMES} times, got {text!r}"
+        )
+    return range(first, last + (1 if step > 0 else -1), step)
 
 
 def frame_text(frames: Iterable[int]) -> str:
-    """Return frames as `frame_list` reads them: ``1-4,7``."""
-    runs: list[list[int]] = []
-    for frame in sorted(set(frames)):
-        if runs and frame == runs[-1][-1] + 1:
-            runs[-1].append(frame)
-        else:
-            runs.append([frame])
-    return ",".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs)
+    """Return frames as `frame_list` reads them: ``1-4,7-21:2,30``."""
+    return ",".join(_run_text(run) for run in _even_runs(sorted(set(frames))))
+
+
+def _even_runs(frames: list[int]) -> Iterator[list[int]]:
+    """Cut rising numbers into runs that are evenly apart, each as long as it gets from the left."""
+    begin = 0
+    while begin < len(frames):
+        end = begin + 1
+        step = frames[end] - frames[begin] if end < len(frames) else 1
+        while end < len(frames) and frames[end] - frames[end - 1] == step:
+            end += 1
+        # Two numbers apart are no run: the second may begin a longer one
+        if step > 1 and end - begin < _SHORTEST_RUN:
+            end = begin + 1
+        yield frames[begin:end]
+        begin = end
+
+
+def _run_text(run: list[int]) -> str:
+    if len(run) == 1:
+        return str(run[0])
+    step = run[1] - run[0]
+    return f"{run[0]}-{run[-1]}" if step == 1 else f"{run[0]}-{run[-1]}:{step}"
 
 
 def _lowered(text: str) -> str:

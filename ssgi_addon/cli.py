@@ -24,6 +24,7 @@ from .progress import STYLES, Progress, printable
 from .render_command import add_prepare, add_render, print_metrics
 from .results import OUT_OF_MEMORY, apply_passes
 from .settings_arguments import add_settings, given_settings
+from .shot.command import add_merge
 
 DONE, FAILED, BAD_USAGE = 0, 1, 2
 
@@ -91,6 +92,7 @@ def build_parser(*, inside_blender: bool = False) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     add_render(commands, inside_blender=inside_blender)
     add_prepare(commands, inside_blender=inside_blender)
+    add_merge(commands)
     _add_apply(commands)
     _add_compare(commands)
     add_bench(commands, inside_blender=inside_blender)

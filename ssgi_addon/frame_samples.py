@@ -7,14 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from .core import Camera
 from .exr import Pixels, write_layers
+from .pictures import RGB, shrunk
 from .png import write_png
 from .results import Picture
-
-RGB = npt.NDArray[np.uint8]
 
 #: Samples and thumbnail are at most so wide and high, pixels.
 LARGEST_SIDE = 240
@@ -75,7 +73,4 @@ def frame_samples(picture: Picture) -> tuple[Pixels, Camera]:
 def thumbnail(shown: RGB) -> RGB:
     """Return a display-referred picture in a size for contact sheets, each pixel the mean of a block."""
     step = -(-max(shown.shape[:2]) // LARGEST_SIDE)
-    height, width = (max(1, side // step) for side in shown.shape[:2])
-    blocks = shown[: height * step, : width * step]
-    blocks = blocks.reshape(height, min(step, shown.shape[0]), width, min(step, shown.shape[1]), 3)
-    return np.rint(blocks.mean(axis=(1, 3))).astype(np.uint8)
+    return shrunk(shown, step)

@@ -39,7 +39,7 @@ class KeyFrame:
     world
         Hash of the world's state there; the captures serve frames of the same state.
     fill
-        As it was rendered, not denoised; None where none was.
+        As it was captured; None where none was.
     views, view_names
         As in `CapturedFrame`.
     lost

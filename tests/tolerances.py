@@ -456,3 +456,19 @@ SAME_BLUR_AT_ANY_DISTANCE = 0.02
 # work count in part (measured: 278 and 350, and 403; of frames four times as large 227 and 280, and 330).
 BYTES_PER_PIXEL = {"balanced": 320, "final": 400}
 BYTES_PER_PIXEL_WITH_VIEWS = {"balanced": 450}
+
+# Flicker of light that stays, or changes evenly, on planes that a camera slides along: what is left is
+# reading smooth light between samples (measured at most 1.6e-3, two samples a frame), and float32.
+FLICKER_OF_STEADY_LIGHT = 3e-3
+
+# Flicker of known noise from some thousand places, relative: the mean of so many squares (0.01), and the
+# share of the frame's brightness beside the local one (0.006).
+FLICKER_OF_NOISE = 0.03
+
+# The same while the camera moves: reading between four samples takes noise away, at most to
+# sqrt((4 + 2 / 4) / 6) = 0.866 of it.
+FLICKER_OF_NOISE_BETWEEN_SAMPLES = 0.866
+
+# Flicker of light that is the same everywhere, relative: the share of the brightness beside the local one,
+# half of a hundredth.
+FLICKER_OF_EVEN_LIGHT = 0.006

@@ -16,7 +16,7 @@ import sys
 
 _FAST = ("settings_pairs", "how_it_works")
 # Each in a process of its own: Blender holds one scene
-_BLENDER = ("reflections", "diffuse", "beyond_the_frame", "job_options")
+_BLENDER = ("reflections", "diffuse", "beyond_the_frame", "job_options", "shot_report")
 
 
 def main() -> None:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from docs.site.links import ROOT
 from ssgi_addon.bench.points import Dot, Point, dots, read_csv
 from ssgi_addon.bench.summary import YARDSTICKS, Comparison, compare_all, mean_dots
-from ssgi_addon.bench.tables import number
+from ssgi_addon.tables import number
 
 POINTS = ROOT / "docs" / "benchmarks" / "results" / "points.csv"
 # Of the methods over all scenes, those that a reader chooses between.

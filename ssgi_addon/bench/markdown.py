@@ -6,11 +6,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ..tables import Table
 from .points import Point
 from .store import SceneState
 from .summary import Comparison, Switch
 from .tables import (
-    Table,
     apply_table,
     comparison_tables,
     facts_line,

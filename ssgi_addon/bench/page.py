@@ -3,27 +3,25 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
 
+from ..tables import number
+from ..web_page import image_html, page_html, table_html
 from .options import BenchOptions
-from .page_style import STYLE
 from .plots import as_jpeg, draw_plot
 from .points import Point, dots
 from .store import SceneState, picture_path, scene_folder
 from .summary import YARDSTICKS, Comparison, Switch, mean_dots
 from .tables import (
-    Table,
     apply_table,
     comparison_tables,
     facts_line,
     flicker_table,
     gaps,
     measured_line,
-    number,
     reference_line,
     scene_table,
     subset_table,
@@ -50,18 +48,11 @@ def page_of(
 ) -> str:
     """Return the page's text; `together` is what `mean_plot` drew."""
     links = " ".join(f'<a href="#{_anchor(state)}">{escape(state.name)}</a>' for state in states)
-    summary = [_table(table) for table in (*comparison_tables(comparisons), switch_table(switches)) if table]
+    summary = [
+        table_html(table) for table in (*comparison_tables(comparisons), switch_table(switches)) if table
+    ]
     sections = [_section(options, state, points[state.name]) for state in states]
-    return f"""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8" />
-<meta name="viewport" content="width=device-width, initial-scale=1" />
-<title>Error against time</title>
-<style>{STYLE}</style>
-</head>
-<body>
-<header>
+    body = f"""<header>
 <h1>Error against time</h1>
 <p class="facts">{escape(facts_line(facts))}</p>
 <nav>{links}</nav>
@@ -76,10 +67,8 @@ along straight lines of the plot.</p>
 {"".join(summary)}
 </section>
 {"".join(sections)}
-</main>
-</body>
-</html>
-"""
+</main>"""
+    return page_html("Error against time", body)
 
 
 def mean_plot(points: Mapping[str, Sequence[Point]]) -> bytes | None:
@@ -96,7 +85,7 @@ def _together(plot: bytes | None) -> str:
     if plot is None:
         return ""
     title = "All scenes: geometric means of what every scene has"
-    picture = _image(plot, "image/svg+xml", f"{title}. The ratios stand in the tables below.")
+    picture = image_html(plot, "image/svg+xml", f"{title}. The ratios stand in the tables below.")
     return f'<figure class="plot"><figcaption>{escape(title)}</figcaption>{picture}</figure>'
 
 
@@ -114,9 +103,9 @@ def _section(options: BenchOptions, state: SceneState, points: Sequence[Point]) 
         parts.append(_pictures(options, state, points))
         folded = (scene_table(points), subset_table(points, state))
         open_ = (apply_table(points), flicker_table(state))
-        parts += [_table(table) for table in open_ if table]
+        parts += [table_html(table) for table in open_ if table]
         parts += [
-            f"<details><summary>{escape(table.title)}</summary>{_table(table, titled=False)}</details>"
+            f"<details><summary>{escape(table.title)}</summary>{table_html(table, titled=False)}</details>"
             for table in folded
         ]
     missing = gaps(state)
@@ -147,7 +136,7 @@ def _plots(state: SceneState, points: Sequence[Point]) -> list[str]:
             f"{best.point.method} with {number(best.error)} after {number(best.seconds)} s. "
             "All numbers stand in the tables below."
         )
-        picture = _image(draw_plot(own, label, across), "image/svg+xml", alt)
+        picture = image_html(draw_plot(own, label, across), "image/svg+xml", alt)
         found.append(f'<figure class="plot"><figcaption>{escape(title)}</figcaption>{picture}</figure>')
     return found
 
@@ -176,23 +165,4 @@ def _pictures(options: BenchOptions, state: SceneState, points: Sequence[Point])
 
 
 def _photo(path: Path, alt: str) -> str:
-    return _image(as_jpeg(path), "image/jpeg", alt) if path.is_file() else ""
-
-
-def _image(data: bytes, kind: str, alt: str) -> str:
-    text = base64.b64encode(data).decode("ascii")
-    return f'<img src="data:{kind};base64,{text}" alt="{escape(alt, quote=True)}" />'
-
-
-def _table(table: Table, *, titled: bool = True) -> str:
-    head = "".join(f'<th scope="col">{escape(cell)}</th>' for cell in table.head)
-    rows = "".join(
-        f'<tr><th scope="row">{escape(row[0])}</th>'
-        + "".join(f"<td>{escape(cell)}</td>" for cell in row[1:])
-        + "</tr>"
-        for row in table.rows
-    )
-    title = f"<h3>{escape(table.title)}</h3>" if titled else ""
-    return (
-        f'{title}<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>'
-    )
+    return image_html(as_jpeg(path), "image/jpeg", alt) if path.is_file() else ""

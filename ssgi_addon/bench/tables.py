@@ -4,32 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
+from ..tables import NOTHING, Table, number
 from .points import REFERENCE_MARGIN, Point
 from .store import SceneState
 from .summary import QUESTIONS, Comparison, Switch
 
-NOTHING = "–"
 _SOFTWARE_GL = ("llvmpipe", "softpipe", "swrast", "software")
-
-
-@dataclass(frozen=True)
-class Table:
-    """Rows of texts under a head; the first column names the row, the others hold numbers."""
-
-    title: str
-    head: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-
-def number(value: float | None, digits: int = 3) -> str:
-    """Return a number with so many significant digits, without an exponent where it is short."""
-    if value is None:
-        return NOTHING
-    text = f"{value:.{digits}g}"
-    return f"{value:.0f}" if "e+" in text else text
 
 
 def facts_line(facts: Mapping[str, Any]) -> str:

@@ -157,11 +157,12 @@ class BeyondTheFrame:
             share=1.0 if self.kept is None else self.kept.fill_share,
         )
         begun = time.perf_counter()
-        if self.kept is not None:
-            fill = self.kept.averaged(fill)
         if is_clean:
             has_glossy = bool(is_colored(self.frame.gbuffer.specular).any())
             fill = denoised_fill(self.scene, fill, denoiser=denoiser, has_glossy=has_glossy)
+        if self.kept is not None:
+            # After the denoiser: what is carried from view to view is not the noise that it knows (ADR 25)
+            fill = self.kept.averaged(fill)
         self._note_seconds("fill", seconds + time.perf_counter() - begun)
         self.frame = replace(self.frame, fill=fill)
 

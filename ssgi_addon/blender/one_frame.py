@@ -74,6 +74,7 @@ def made_with(
         "ssgi": __version__,
         "blender": ".".join(map(str, bpy.app.version[:2])),
         "scene_files": scene_files,
+        "scripts_denied": bool(bpy.app.autoexec_fail),
         "shot": shot,
         "scene": scene.name,
         "view_layer": view_layer.name,

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +27,11 @@ from .scene_file import content_hash, open_scene, refuse_unread_file
 
 Progress = Callable[[float, str], None]
 
-# A frame renders a quarter of its fill where, in all key frames, the others' fills bring as many light paths
-# as it asks for to this share of the pixels. What they miss, the quarter and the filter still bring.
+# A frame renders a quarter of its fill where the fills of the others cover this share of each key frame's.
+# What they miss, the quarter still brings (ADR 25).
 _COVERED, _SHARE = 0.9, 0.25
+# What is captured once may take more time: so many times the fill's samples, and no budget (ADR 25).
+_KEY_SAMPLES = 4
 # Seeds of the key frames' noise, which must be no frame's own.
 _FIRST_SEED = 1 << 20
 
@@ -107,6 +111,7 @@ def _prepare(
 ) -> Shot:
     begun = time.perf_counter()
     world, keys = _KeyWorld(), []
+    options = replace(options, fill=_KEY_SAMPLES * options.fill, budget=math.inf)
     with Restorer() as restorer:
         if options.engine == "cycles":
             restorer.change(scene.render, use_persistent_data=True)
@@ -131,15 +136,12 @@ def tuned(keys: Sequence[KeyFrame]) -> Tuned:
 
 
 def _covered(key: KeyFrame, keys: Sequence[KeyFrame]) -> float:
-    """Return the share of a key frame's fill to which those of the others bring as many samples."""
-    others = [
-        other.fill for other in keys if other is not key and other.fill and other.world == key.world
-    ]  # fmt: skip
+    """Return the share of a key frame's fill to which those of the others bring as many light paths."""
+    others = [other.fill for other in keys if other is not key and other.fill and other.world == key.world]
     if key.fill is None or not others:
         return 0.0
     surfaces = ~key.fill.surfaces.is_background
     if not surfaces.any():
         return 1.0
-    merged = Fill.merged([*others, key.fill])
-    of_others = merged.samples - key.fill.samples
+    of_others = Fill.merged([*others, key.fill]).samples - key.fill.samples
     return float((of_others[surfaces] >= key.fill.samples[surfaces]).mean())

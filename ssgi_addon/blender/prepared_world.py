@@ -49,7 +49,12 @@ class PreparedWorld(KeptWorld):
 
     def averaged(self, fill: Fill) -> Fill:
         """Return the mean of a frame's fill and of those of the key frames, in the frame's view."""
-        return Fill.merged([*(key.fill for key in self._keys if key.fill is not None), fill])
+        return Fill.merged([*self._fills_like(fill), fill])
+
+    def _fills_like(self, fill: Fill) -> list[Fill]:
+        """Return the fills of the key frames; of a Blender with a denoiser where the frame's is denoised."""
+        fills = [key.fill for key in self._keys if key.fill is not None]
+        return [other for other in fills if other.is_denoised == fill.is_denoised]
 
     @property
     def fills(self) -> int:

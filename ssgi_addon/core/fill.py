@@ -100,19 +100,20 @@ class Fill:
         Parameters
         ----------
         fills
-            The newest last: of frames before, say, where neither lights nor things moved.
+            The newest last: of frames before, say, where neither lights nor things moved. Those of other
+            cameras are resampled, which no denoiser allows for: denoise each of them before, or none.
         threads
             Worker threads; None means all cores. Never changes a result.
 
         Raises
         ------
         ValueError
-            If there is none, or one is denoised: the mean of what is left of their noise is no cleaner.
+            If there is none, or some are denoised and some are not.
         """
-        if any(fill.is_denoised for fill in fills):
-            raise ValueError("fills: expected noisy ones, to be denoised after they are merged")
         if not fills:
             raise ValueError("fills: expected at least one Fill, got none")
+        if len({fill.is_denoised for fill in fills}) > 1:
+            raise ValueError("fills: expected all denoised or none, got some of each")
         *earlier, newest = fills
         pixel = np.flatnonzero(~newest.surfaces.is_background)
         total = [newest._weighted().reshape(-1, 7).take(pixel, axis=0)]
@@ -134,7 +135,7 @@ class Fill:
         light = (image[:, :6] / np.maximum(image[:, 6:], np.float32(1e-20))).reshape(*newest.shape, 6)
         return cls(
             newest.depth, newest.normal, light[..., :3], light[..., 3:], newest.camera,
-            image[:, 6].reshape(newest.shape),
+            image[:, 6].reshape(newest.shape), newest.is_denoised,
         )  # fmt: skip
 
     def _sees_the_same(self, other: Fill) -> bool:

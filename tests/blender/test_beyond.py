@@ -14,7 +14,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 pytest.importorskip("OpenEXR")
 
-from ssgi_addon.blender import beyond, capture, engines, fill, job
+from ssgi_addon.blender import beyond, capture, engines, fill, job, one_frame
 from ssgi_addon.blender.build import add_ball, add_camera, new_material, new_world
 from ssgi_addon.blender.capture import CaptureOptions, capture_frame
 from ssgi_addon.blender.capture_costs import QUICK_PASS, fill_work, render_work
@@ -267,7 +267,7 @@ def asked_for(room, tmp_path, monkeypatch):
             found.append(options)
             raise SSGIError("that was all")
 
-        monkeypatch.setattr(job, "capture_frame", capture_nothing)
+        monkeypatch.setattr(one_frame, "capture_frame", capture_nothing)
         assert main(["render", "--output", str(tmp_path / "out"), *flags], inside_blender=True) == 1
         return found[0]
 
@@ -282,7 +282,7 @@ def test_flags_reach_the_capture(asked_for):
         "budget": 7.5, "fill": 3, "surround": 20, "overscan": 1.25, "stations": 5, "light_views": 2,
         "back_faces": False, "behind": True, "mirrors_only": True,
     }  # fmt: skip
-    assert options.view_samples == job.VIEW_SAMPLES
+    assert options.view_samples == one_frame.VIEW_SAMPLES
 
 
 def test_without_flags_the_capture_takes_the_defaults(asked_for, tmp_path):

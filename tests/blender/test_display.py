@@ -12,6 +12,7 @@ from ssgi_addon.blender.display import to_display, write_display_png
 from ssgi_addon.blender.sheet import write_contact_sheet
 from ssgi_addon.errors import SSGIError
 from ssgi_addon.exr import read_layers
+from tests.blender.shown import find_picture, read_png
 from tests.scenes import build_ball_over_plane
 
 SIZE = (37, 64)
@@ -23,17 +24,6 @@ def scene():
     scene = bpy.context.scene
     scene.render.dither_intensity = 0.0
     return scene
-
-
-def read_png(path):
-    """(H, W, 3) uint8, top row first, as stored."""
-    image = bpy.data.images.load(str(path))
-    image.colorspace_settings.name = "Non-Color"
-    width, height = image.size
-    pixels = np.empty(width * height * 4, np.float32)
-    image.pixels.foreach_get(pixels)
-    bpy.data.images.remove(image)
-    return np.rint(pixels.reshape(height, width, 4)[::-1, :, :3] * 255).astype(np.uint8)
 
 
 def save_render(scene, folder):
@@ -160,15 +150,6 @@ def test_display_png_holds_the_displayed_picture(scene, tmp_path):
 def noise_panels(count, size=(90, 320)):
     random = np.random.default_rng(3)
     return [(f"Panel {i}", random.integers(0, 256, (*size, 3), np.uint8)) for i in range(count)]
-
-
-def find_picture(sheet, picture):
-    """Row and column of `picture` in `sheet`, None where it does not stand there unchanged."""
-    height, width = picture.shape[:2]
-    for y, x in np.argwhere((sheet == picture[0, 0]).all(axis=-1)):
-        if np.array_equal(sheet[y : y + height, x : x + width], picture):
-            return int(y), int(x)
-    return None
 
 
 def lit_rows(sheet, background):

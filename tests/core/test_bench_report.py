@@ -16,9 +16,10 @@ from ssgi_addon.bench.points import dots, points_of, read_csv, write_csv
 from ssgi_addon.bench.report import write_report
 from ssgi_addon.bench.store import picture_path, scene_folder
 from ssgi_addon.bench.summary import YARDSTICKS, compare_all, compare_switches, mean_dots
-from ssgi_addon.bench.tables import number, scene_table
+from ssgi_addon.bench.tables import scene_table
 from ssgi_addon.cli import main
 from ssgi_addon.png import write_png
+from ssgi_addon.tables import number
 from tests.core.bench_points import METHODS, ONE_SAMPLE, OWN_ERROR, made_up_state
 from tests.core.browser import open_page
 

@@ -370,3 +370,49 @@ def test_terminal_gets_a_bar_on_one_line():
     assert text.count("\n") == 1
     assert "[" + 28 * "#" + "] 100% done" in text
     assert max(len(line) for line in text.split("\r")) < 90
+
+
+def test_queue_gets_its_own_lines_with_the_reason_of_a_failure():
+    log = io.StringIO()
+    progress = Progress("openjd", log)
+    progress(0.0, "Direct light")
+    progress(0.5, "Direct light\nopenjd_fail: no")
+    progress.close()
+    progress.fail("cannot write out/a.exr:\n  no room")
+    assert log.getvalue().splitlines() == [
+        "openjd_progress: 0.0",
+        "openjd_status: Direct light",
+        "openjd_progress: 50.0",
+        "openjd_status: Direct light openjd_fail: no",
+        "openjd_fail: cannot write out/a.exr: no room",
+    ]
+    people = io.StringIO()
+    Progress("lines", people).fail("no room")
+    assert people.getvalue() == ""
+
+
+@pytest.mark.parametrize("style", ["auto", "bar", "lines"])
+def test_style_of_progress_may_be_chosen(style):
+    log = io.StringIO()
+    Progress(style, log)(0.25, "tracing")
+    assert ("[" in log.getvalue()) == (style == "bar")
+
+
+def test_shot_and_its_preparation_are_handed_on(calls, monkeypatch, capsys):
+    line = "--output shot --frames 1-4,9 --preset draft --samples 3 --keys 3 --overwrite"
+    made = []
+    shot = types.SimpleNamespace(
+        worlds={1: b"", 4: b""}, tuned=types.SimpleNamespace(fill_share=0.25, covered=0.9)
+    )
+    module = types.ModuleType("ssgi_addon.blender.prepare")
+    module.prepare_shot = lambda *given: made.append(given) or shot
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    assert main(["prepare", "a.blend", *line.split()]) == 0
+    scene, options, keys, _ = made[0]
+    expected = JobOptions.preset(
+        "draft", Path("shot"), samples=3, frames=(1, 2, 3, 4, 9), overwrite=True, resume=True
+    )
+    assert (scene, options, keys) == (Path("a.blend"), expected, 3)
+    assert "key frames: 1,4" in capsys.readouterr().out
+    assert main(["render", "a.blend", "--output", "out", "--shot", "shot"]) == 0
+    assert calls[0][1].shot == Path("shot")

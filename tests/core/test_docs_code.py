@@ -19,7 +19,7 @@ from tests.core.pages import ROOT, Block, all_pages, blocks_of
 PAGES = all_pages()
 # What a fence says of Python that stands for a part of a module.
 NO_RUN = "no-run"
-OWN_COMMANDS = {"render", "apply", "compare", "bench", "demo"}
+OWN_COMMANDS = {"render", "prepare", "merge", "apply", "compare", "bench", "demo"}
 MAKE_TARGETS = set(re.findall(r"^(\w[\w-]*):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
 EXTRAS = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"])
 

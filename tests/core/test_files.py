@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
+import itertools
 import json
 import os
+import threading
+from contextlib import suppress
 
 import pytest
 
 from ssgi_addon import files
 from ssgi_addon.errors import SSGIError
-from ssgi_addon.files import discard_unfinished, read_json, replacing, write_json
+from ssgi_addon.files import discard_folder, discard_unfinished, read_json, replacing, write_json
 
 
 def test_file_appears_at_the_end_and_not_before(tmp_path):
@@ -107,3 +110,30 @@ def test_temporary_files_are_found_by_their_process(tmp_path):
         discard_unfinished(tmp_path, os.getpid())
         assert os.listdir(tmp_path) == []
         temporary.touch()
+
+
+def test_folder_goes_while_another_thread_writes_into_it(tmp_path):
+    """As where a render is ended from beside it."""
+    folder = tmp_path / "render"
+    (folder / "deep").mkdir(parents=True)
+    begun = threading.Event()
+
+    def write():
+        with suppress(OSError):
+            for number in itertools.count():
+                (folder / f"{number}.tmp").touch()
+                (folder / "deep" / f"{number}.tmp").touch()
+                begun.set()
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    begun.wait()
+    discard_folder(folder)
+    assert not folder.exists()
+    writer.join()
+
+
+def test_folder_that_cannot_be_deleted_is_left(tmp_path, monkeypatch):
+    monkeypatch.setattr("shutil.rmtree", lambda path, ignore_errors: None)
+    discard_folder(tmp_path)
+    assert tmp_path.exists()

@@ -499,9 +499,12 @@ def test_fills_of_a_moving_camera_lose_their_noise(rng):
     assert abs(merged.diffuse[surface].mean() - 1.0) < MERGED_MEAN
 
 
-def test_denoised_fills_are_not_merged(small):
-    with pytest.raises(ValueError, match="fills: expected noisy ones"):
-        Fill.merged([small, replace(small, is_denoised=True)])
+def test_denoised_fills_are_merged_among_themselves(small):
+    clean = replace(small, is_denoised=True)
+    assert Fill.merged([clean, clean]).is_denoised
+    assert not Fill.merged([small, small]).is_denoised
+    with pytest.raises(ValueError, match="expected all denoised or none"):
+        Fill.merged([small, clean])
 
 
 def test_what_came_into_sight_has_the_newest_light_alone():

@@ -1,5 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How the report's page looks."""
+"""Reports as one page that needs nothing but itself; all names are escaped, since they may hold anything."""
+
+from __future__ import annotations
+
+import base64
+from html import escape
+
+from .tables import Table
 
 STYLE = """
 :root {
@@ -46,3 +53,51 @@ summary { cursor: pointer; font-weight: 600; color: var(--accent); }
 details > .scroll, details > ul { margin-top: 0.5rem; font-size: 0.83rem; }
 .failure { color: #b42318; font-weight: 600; }
 """
+
+
+def page_html(title: str, body: str, style: str = "") -> str:
+    """Return a whole page.
+
+    Parameters
+    ----------
+    title
+        As text.
+    body
+        Its content, HTML: a ``header`` and a ``main``.
+    style
+        Rules beside those of all reports.
+    """
+    return f"""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8" />
+<meta name="viewport" content="width=device-width, initial-scale=1" />
+<title>{escape(title)}</title>
+<style>{STYLE}{style}</style>
+</head>
+<body>
+{body}
+</body>
+</html>
+"""
+
+
+def image_html(data: bytes, kind: str, alt: str, attributes: str = "") -> str:
+    """Return a picture that is part of the page; `kind` is its media type, `attributes` are HTML."""
+    text = base64.b64encode(data).decode("ascii")
+    return f'<img src="data:{kind};base64,{text}" alt="{escape(alt, quote=True)}"{attributes} />'
+
+
+def table_html(table: Table, *, titled: bool = True) -> str:
+    """Return a table; the first cell of a row names it."""
+    head = "".join(f'<th scope="col">{escape(cell)}</th>' for cell in table.head)
+    rows = "".join(
+        f'<tr><th scope="row">{escape(row[0])}</th>'
+        + "".join(f"<td>{escape(cell)}</td>" for cell in row[1:])
+        + "</tr>"
+        for row in table.rows
+    )
+    title = f"<h3>{escape(table.title)}</h3>" if titled else ""
+    return (
+        f'{title}<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>'
+    )
