@@ -30,7 +30,7 @@ from ssgi_addon.bpy_module import require_bpy
 from ssgi_addon.exr import read_layers
 from ssgi_addon.job_options import RENDERED
 
-NAMES = ("bathroom", "bridge_garden", "classroom")
+NAMES = ("bridge_garden", "bathroom", "classroom")
 SIZE = (320, 180)
 FRAME, FRAMES = 3, (1, 2, 3)
 # Of the camera from frame to frame: scene units to the right, and radians.
@@ -67,14 +67,17 @@ def main() -> None:
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=tuple(METHODS))
     parser.add_argument("--cases", nargs="+", choices=list(CASES)[1:], default=list(CASES)[1:])
     parser.add_argument("--size", type=parse_size, default=SIZE)
-    parser.add_argument("--output", type=Path)
+    parser.add_argument("--output", type=Path, help="written after each method; what it has else is kept")
     parser.add_argument("--step", help="do one step here, given as JSON")
     arguments = parser.parse_args()
     if arguments.step:
         step = json.loads(arguments.step)
         {"move": _save_with_a_move, "render": _render}[step.pop("do")](**step)
         return
+    parameters = {"size": arguments.size, "frame": FRAME, "after": FRAMES, "views": WITH_VIEWS}
     results: dict[str, dict[str, dict[str, Any]]] = {}
+    if arguments.output and arguments.output.exists():
+        results = json.loads(arguments.output.read_text())["results"]
     with tempfile.TemporaryDirectory() as folder:
         for name in arguments.scenes:
             blend = Path(folder) / f"{name}.blend"
@@ -82,9 +85,8 @@ def main() -> None:
             for method in arguments.methods:
                 found = _compared(blend, method, arguments.size, arguments.cases)
                 results.setdefault(name, {})[method] = found
-    if arguments.output:
-        parameters = {"size": arguments.size, "frame": FRAME, "after": FRAMES, "views": WITH_VIEWS}
-        store(arguments.output, parameters, results)
+                if arguments.output:
+                    store(arguments.output, parameters, results)
 
 
 def differences(first: Mapping[str, np.ndarray], second: Mapping[str, np.ndarray]) -> dict[str, Any]:

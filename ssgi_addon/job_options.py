@@ -14,8 +14,8 @@ DEFAULT_PRESET = "balanced"
 # The denoiser that cleans the finished picture.
 TOGETHER = "together"
 _FRAME_ALONE = {"surround": 0, "stations": 0, "back_faces": False, "mirrors_only": True}
-# What presets set beside the settings of the passes: what is rendered. The budget is the time for views
-# beyond the frame, as a multiple of that of the direct light (ADR 21, 22).
+# What presets set beside the settings of the passes: what is rendered. The budget is the work for views
+# beyond the frame, as a multiple of that of the direct light (ADR 21, 22, 24).
 RENDERED: dict[str, dict[str, Any]] = {
     "draft": {
         "samples": 1,

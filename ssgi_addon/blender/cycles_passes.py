@@ -72,6 +72,13 @@ def pass_switches(names: Iterable[str]) -> tuple[dict[str, bool], dict[str, bool
     )
 
 
+def cycles_device(scene: bpy.types.Scene) -> str:
+    """Return what Cycles renders on, "CPU" or "GPU": the former, too, where the preferences name no card."""
+    cycles = bpy.context.preferences.addons.get("cycles")
+    has_card = cycles is not None and cycles.preferences.has_active_device()
+    return "GPU" if scene.cycles.device == "GPU" and has_card else "CPU"
+
+
 def cycles_engine() -> type[bpy.types.RenderEngine]:
     """Return the class of the Cycles engine.
 

@@ -16,7 +16,7 @@ from ..job_options import JobOptions
 from ..manifest import write_failure
 from ..memory import RENDER_BYTES, check_memory
 from ..prepared import Shot
-from ..recipe import Recipe, recipe_hash
+from ..recipe import Recipe
 from ..results import OUT_OF_MEMORY
 from . import demo_scene
 from .camera import full_size
@@ -135,11 +135,7 @@ class _Job:
         )  # fmt: skip
         self.results: list[FrameResult] = []
         self.failures: dict[int, str] = {}
-        self.report: Report = {
-            "versions": versions(),
-            "settings": told_settings(options),
-            "settings_hash": recipe_hash(recipe),
-        }
+        self.report: Report = {"versions": versions(), "settings": told_settings(options)}
 
     def render(self, frame: int, progress: Progress, kept: KeptWorld | None) -> None:
         """Render a frame, or note why it failed."""
@@ -165,7 +161,8 @@ class _Job:
     def write_report(self) -> None:
         """Write what is known so far."""
         self.report["frames"] = [self.records[number] for number in self.frames if number in self.records]
-        self.report["failures"] = [{"frame": frame, "why": why} for frame, why in self.failures.items()]
+        if self.failures:
+            self.report["failures"] = [{"frame": frame, "why": why} for frame, why in self.failures.items()]
         write_json(self.options.output / "report.json", self.report)
 
     def raise_failures(self) -> None:

@@ -24,6 +24,7 @@ from ..results import Picture, compute_picture, peak_memory_mb, write_picture
 from .camera import full_size
 from .capture import CaptureOptions, capture_frame
 from .comparison import compare_with_cycles
+from .cycles_passes import cycles_device
 from .denoise_picture import can_denoise_pictures, clean_layers, compute_denoised_picture
 from .display import to_display
 from .kept_world import KeptWorld
@@ -74,6 +75,8 @@ def made_with(
         "ssgi": __version__,
         "blender": ".".join(map(str, bpy.app.version[:2])),
         "scene_files": scene_files,
+        "scripts_denied": bool(bpy.app.autoexec_fail),
+        "device": cycles_device(scene) if options.engine == "cycles" else None,
         "shot": shot,
         "scene": scene.name,
         "view_layer": view_layer.name,

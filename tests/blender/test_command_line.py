@@ -148,9 +148,15 @@ def test_written_pictures_compare_as_the_report_says(rendered, capsys):
     assert printed[:2] == ["combined", f"{told:.4g}"]
 
 
+def files_of(stem):
+    """What a run of one frame leaves."""
+    manifest = {f"frames/{stem}.{ending}" for ending in ("exr", "json", "png")}
+    return {"report.json", f"{stem}.exr", f"{stem}.png"} | manifest
+
+
 def test_without_comparison_no_metrics_and_no_other_file(blend, tmp_path, capfd):
     assert main(["render", str(blend), "--output", str(tmp_path / "out"), *TINY]) == 0
-    assert files_below(tmp_path / "out").keys() == {"report.json", "room_0001.exr", "room_0001.png"}
+    assert files_below(tmp_path / "out").keys() == files_of("room_0001")
     assert read_report(tmp_path / "out")["frames"][0]["metrics"] is None
     assert "frame 1: " in capfd.readouterr().out
 
@@ -180,7 +186,7 @@ def test_results_are_replaced_on_request_alone(blend, tmp_path, capfd):
 def test_open_scene_is_rendered_inside_blender(empty_file, tmp_path):
     build_emissive_room()
     assert main(["render", "--output", str(tmp_path), *TINY], inside_blender=True) == 0
-    assert files_below(tmp_path).keys() == {"report.json", "untitled_0001.exr", "untitled_0001.png"}
+    assert files_below(tmp_path).keys() == files_of("untitled_0001")
 
 
 def test_scene_that_blender_could_not_open_is_one_clear_line(empty_file, tmp_path, capfd, monkeypatch):

@@ -151,7 +151,7 @@ def test_frame_that_fails_does_not_stop_the_others(room, options, monkeypatch):
     monkeypatch.undo()
     report, results = render_frames(room, replace(options, frames=(1, 2, 3), resume=True))
     assert [result.record["frame"] for result in results] == [2]
-    assert report["failures"] == []
+    assert "failures" not in report
     assert read_manifest(manifest_path(options.output, "untitled", 2))["failure"] is None
 
 
