@@ -46,10 +46,10 @@ STORAGE = ROOT / "benchmarks" / "results" / "shot_storage.json"
 # Runs: how many workers, with how many cores each (None: all), how many frames, in chunks of how many
 RUNS: dict[str, tuple[int, int | None, int, int]] = {
     "1 worker, all cores, chunks of 12": (1, None, 12, 12),
-    "1 worker, all cores, chunks of 4": (1, None, 4, 4),
-    "1 worker, all cores, chunks of 1": (1, None, 2, 1),
-    "1 worker, 1 core": (1, 1, 6, 3),
-    "2 workers, 1 core each": (2, 1, 6, 3),
+    "1 worker, all cores, chunks of 4": (1, None, 8, 4),
+    "1 worker, all cores, chunks of 1": (1, None, 3, 1),
+    "1 worker, 1 core": (1, 1, 8, 4),
+    "2 workers, 1 core each": (2, 1, 8, 4),
 }
 # The model takes farms from one run; from the second it predicts the third.
 _ALL_CORES, _ONE, _TWO = "1 worker, all cores, chunks of 12", "1 worker, 1 core", "2 workers, 1 core each"
