@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a shot costs on many machines: the model's arithmetic, and what is read from a trace."""
+"""Benchmarks of shots: the model's arithmetic, what is read from a trace, and the page that tells what was found."""
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ from benchmarks.shot_model import (
     workers_of_link,
 )
 from benchmarks.shot_storage import Use
+from benchmarks.shot_tables import TABLES, results_of
 from tests.budget import examples
+from tests.core.settings_pages import text_of
 
 # A task starts for 6 s and reads 8 MB; a frame takes 2 s and writes 3 MB.
 PARTS = ShotParts(
@@ -93,3 +95,14 @@ def test_trace_tells_what_a_process_did_with_a_folder(tmp_path):
         files={str(tmp_path / "a.blend"): 10}, elsewhere=1,
     )  # fmt: skip
     assert use.cost == Cost(0.0, 10, 3, 2)
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_page_tells_what_is_stored(table):
+    assert TABLES[table]() in text_of("farms.md")
+
+
+def test_no_stop_left_a_fault():
+    results = results_of("kills")
+    assert results["same_by_one_process"] == results["pictures"]
+    assert [found["faults"] for found in (results["kills"], results["full_disk"])] == [[], []]
