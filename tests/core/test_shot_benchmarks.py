@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Benchmarks of shots: the model's arithmetic, the reading of traces, and the page that tells what was found."""
+"""Benchmarks of shots: the model's arithmetic, the reading of traces, the page that tells what was found."""
 
 from __future__ import annotations
 
