@@ -59,7 +59,8 @@ def capture_fill(
     is_fine
         Spread the samples over more pixels: over every second one each way, or all, if they are enough.
     share
-        Of the samples that are rendered, at least one a pixel: other fills are there to be merged with.
+        Of the samples that are rendered, at least one a pixel: less where other fills are there to be merged
+        with, more in one that is to be merged with others.
 
     Returns
     -------

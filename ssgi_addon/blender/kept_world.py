@@ -43,7 +43,7 @@ class KeptWorld:
     frame
         Its number.
     fill_share
-        Of its fill that a frame has to render itself.
+        Of its fill's samples that a frame has to render itself.
     note
         What the user should know of it at the frame that was looked at last; empty where nothing.
     """

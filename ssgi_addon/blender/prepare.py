@@ -18,7 +18,7 @@ from ..files import check_writable, discard_abandoned
 from ..job_options import JobOptions
 from ..prepared import FILE, KeyFrame, Shot, Tuned, write_shot
 from ..recipe import Recipe
-from .capture import capture_frame
+from .capture import CaptureOptions, capture_frame
 from .kept_world import KeptWorld
 from .one_frame import capture_options, made_with, part, versions
 from .render_settings import find_view_layer
@@ -31,7 +31,7 @@ Progress = Callable[[float, str], None]
 # What they miss, the quarter still brings (ADR 25).
 _COVERED, _SHARE = 0.9, 0.25
 # What is captured once may take more time: so many times the fill's samples, and no budget (ADR 25).
-_KEY_SAMPLES = 4
+_KEY_SAMPLES = 4.0
 # Seeds of the key frames' noise, which must be no frame's own.
 _FIRST_SEED = 1 << 20
 
@@ -94,6 +94,7 @@ class _KeyWorld(KeptWorld):
 
     def __init__(self) -> None:
         super().__init__()
+        self.fill_share = _KEY_SAMPLES
         self.fill: Fill | None = None
 
     def averaged(self, fill: Fill) -> Fill:
@@ -111,7 +112,6 @@ def _prepare(
 ) -> Shot:
     begun = time.perf_counter()
     world, keys = _KeyWorld(), []
-    options = replace(options, fill=_KEY_SAMPLES * options.fill, budget=math.inf)
     with Restorer() as restorer:
         if options.engine == "cycles":
             restorer.change(scene.render, use_persistent_data=True)
@@ -120,13 +120,26 @@ def _prepare(
                 restorer.change(scene.cycles, seed=_FIRST_SEED + index, use_animated_seed=False)
             world.fill = None
             step = part(progress, index / len(frames), 1.0 / len(frames))
-            captured = capture_frame(scene, capture_options(scene, options, frame), step, world)
+            captured = capture_frame(scene, _key_options(scene, options, frame), step, world)
             keys.append(
                 KeyFrame(frame, world.world, world.fill, captured.views, captured.view_names, world.lost)
             )
     told = {"versions": versions(), "seconds": {"total": time.perf_counter() - begun}}
     write_shot(options.output, keys, tuned(keys), recipe, told)
     return Shot(options.output)
+
+
+def _key_options(scene: bpy.types.Scene, options: JobOptions, frame: int) -> CaptureOptions:
+    """Return what is captured of a key frame, whose own light nobody looks at."""
+    wanted = capture_options(scene, options, frame)
+    return replace(
+        wanted,
+        samples=1,
+        denoiser="none",
+        view_denoiser=wanted.view_denoiser or wanted.denoiser,
+        keep_passes=False,
+        budget=math.inf,
+    )
 
 
 def tuned(keys: Sequence[KeyFrame]) -> Tuned:
