@@ -21,6 +21,7 @@ from .arguments import (
 from .bpy_module import require_bpy
 from .earlier_results import was_skipped
 from .job_options import BEYOND_FRAME, DEFAULT_PRESET, ENGINES, RENDERED, JobOptions
+from .prepared import FILE
 from .progress import Progress, printable
 from .render_task import COMMAND
 from .settings_arguments import add_settings, given_settings
@@ -71,7 +72,7 @@ def add_prepare(commands: Any, *, inside_blender: bool) -> None:
         "prepare",
         help="capture once what all frames of a shot share, for render --shot",
         description="Give the settings that the frames are rendered with. A shot that is there already, of "
-        "the same settings, versions and scene file, is left as it is.",
+        "the same settings, versions and scene file, is left as it is, whatever its key frames.",
     )
     _add_scene(parser, inside_blender=inside_blender)
     _add_captures(parser)
@@ -162,9 +163,10 @@ def _prepare(arguments: argparse.Namespace, progress: Progress) -> None:
     require_bpy()
     from .blender.prepare import prepare_shot
 
+    is_there = not arguments.overwrite and (arguments.output / FILE).exists()
     shot = prepare_shot(arguments.scene, _options(arguments), arguments.keys, progress)
     progress.close()
-    print(f"key frames: {frame_text(shot.worlds)}")
+    print(f"key frames: {frame_text(shot.worlds)}{', there already' if is_there else ''}")
     share, covered = shot.tuned.fill_share, shot.tuned.covered
     print(
         f"each frame renders {share:.0%} of its fill: the key frames' fills bring {covered:.0%} of it or more"

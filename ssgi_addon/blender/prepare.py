@@ -47,7 +47,7 @@ def prepare_shot(
         The .blend file; None means the open scene.
     options
         As the frames are rendered; `output` is where the captures go. A shot that is there already, of the
-        same options, is left as it is.
+        same options, is left as it is, whatever its key frames: frames may have been rendered with it.
     keys
         How many key frames to choose of the options' frames.
     progress
@@ -65,16 +65,14 @@ def prepare_shot(
     else:
         open_scene(scene_path, enable_autoexec=options.enable_autoexec)
     scene = bpy.context.scene
-    frames = options.frames or tuple(range(scene.frame_start, scene.frame_end + 1))
-    chosen = key_frames(frames, keys)
     recipe = shot_recipe(scene, options, content_hash())
     discard_abandoned(options.output)
     if (options.output / FILE).exists() and not options.overwrite:
         shot = Shot(options.output)
         shot.refuse_others(recipe)
-        if list(shot.worlds) == chosen:
-            return shot
-    return _prepare(scene, options, chosen, recipe, progress)
+        return shot
+    frames = options.frames or tuple(range(scene.frame_start, scene.frame_end + 1))
+    return _prepare(scene, options, key_frames(frames, keys), recipe, progress)
 
 
 def key_frames(frames: Sequence[int], count: int) -> list[int]:

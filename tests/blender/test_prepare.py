@@ -133,6 +133,8 @@ def test_prepared_shot_is_left_as_it_is_or_refused(blend, options):
     shot = prepare(blend, options)
     files = {path: path.stat().st_mtime_ns for path in shot.path.parent.iterdir()}
     assert prepare(blend, options).hash == shot.hash
+    # Frames that are rendered already were rendered with it: more of them are no reason for another
+    assert prepare(blend, options, frames=(1, 2, 3)).hash == shot.hash
     assert {path: path.stat().st_mtime_ns for path in shot.path.parent.iterdir()} == files
     with pytest.raises(SSGIError, match="samples 1 instead of 2.*--overwrite"):
         prepare(blend, options, samples=2)
