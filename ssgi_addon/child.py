@@ -167,13 +167,16 @@ def ended_with_parent(clean: Callable[[], None]) -> Iterator[None]:
 
     watcher = threading.Thread(target=watch, name="ssgi-parent", daemon=True)
     watcher.start()
+    # A parent that goes closes our output a moment before our input
+    look = _LOOK
     try:
         yield
+        look = 0.0
     finally:
         is_done.set()
         if _CAN_LOOK:  # Blender 4.5 as a module would not end with the thread alive
             watcher.join()
-            if _input_closes(0.0):
+            if _input_closes(look):
                 clean()
 
 

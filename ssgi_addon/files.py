@@ -12,6 +12,7 @@ import re
 import shutil
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -31,6 +32,10 @@ _LONGEST_LOCK, _LOCK_STEP = 2.0, 0.05
 _DELETIONS = 100
 _MARK = "ssgi"
 _count = itertools.count()
+# Held while a file is written
+_writing = threading.RLock()
+# Seconds that a process which is about to end waits for it
+_LONGEST_FILE = 10.0
 
 
 @contextmanager
@@ -48,11 +53,12 @@ def replacing(path: Path, *, is_lasting: bool = True) -> Iterator[Path]:
     """
     temporary = path.parent / _temporary_name()
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        yield temporary
-        if is_lasting:
-            _flush(temporary)
-        _move(temporary, path)
+        with _writing:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            yield temporary
+            if is_lasting:
+                _flush(temporary)
+            _move(temporary, path)
     except OSError as error:
         reason = error.strerror or str(error)
         raise OutputError(
@@ -63,6 +69,11 @@ def replacing(path: Path, *, is_lasting: bool = True) -> Iterator[Path]:
         # itself is gone or locked, the message above says all there is to say.
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def stop_writing() -> None:
+    """Wait for the file that another thread writes, and let it begin no other; then the process must end."""
+    _writing.acquire(timeout=_LONGEST_FILE)
 
 
 def check_writable(folder: Path) -> None:

@@ -13,7 +13,7 @@ import bpy
 from ..bpy_module import end_at_once
 from ..child import ended_with_parent
 from ..errors import SSGIError
-from ..files import discard_folder, discard_unfinished
+from ..files import discard_folder, discard_unfinished, stop_writing
 from ..progress import tell
 from ..render_task import read_task
 from .job import render_frames
@@ -36,6 +36,7 @@ def work(task_path: Path) -> NoReturn:
     task = read_task(task_path)
 
     def clean() -> None:
+        stop_writing()
         discard_unfinished(task.options.output, os.getpid())
         discard_folder(task.blend.parent)
 

@@ -2,14 +2,25 @@
 import itertools
 import json
 import os
+import subprocess
+import sys
 import threading
 from contextlib import suppress
+from pathlib import Path
 
 import pytest
 
 from ssgi_addon import files
 from ssgi_addon.errors import SSGIError
-from ssgi_addon.files import discard_folder, discard_unfinished, read_json, replacing, write_json
+from ssgi_addon.files import (
+    discard_folder,
+    discard_unfinished,
+    read_json,
+    replacing,
+    write_json,
+)
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_file_appears_at_the_end_and_not_before(tmp_path):
@@ -137,3 +148,33 @@ def test_folder_that_cannot_be_deleted_is_left(tmp_path, monkeypatch):
     monkeypatch.setattr("shutil.rmtree", lambda path, ignore_errors: None)
     discard_folder(tmp_path)
     assert tmp_path.exists()
+
+
+STOPPED = """
+import os, sys, threading, time
+from pathlib import Path
+from ssgi_addon.files import discard_unfinished, replacing, stop_writing
+folder = Path(sys.argv[1])
+
+def stop():
+    time.sleep(0.2)
+    stop_writing()
+    discard_unfinished(folder, os.getpid())
+    time.sleep(0.2)
+    os._exit(0)
+
+threading.Thread(target=stop).start()
+while True:
+    with replacing(folder / "a.txt") as temporary:
+        temporary.write_text("half")
+        time.sleep(0.001)
+        temporary.write_text("whole")
+"""
+
+
+def test_process_that_ends_while_it_writes_leaves_whole_files_alone(tmp_path):
+    """As the background render whose window is gone: another thread cleans up, and ends it."""
+    for _ in range(3):
+        subprocess.run([sys.executable, "-c", STOPPED, str(tmp_path)], check=True, cwd=ROOT)
+        assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
+        assert (tmp_path / "a.txt").read_text() == "whole"
