@@ -24,8 +24,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.inputs import ROOT, SCENES, parse_size
+from benchmarks.inputs import ROOT, parse_size
 from benchmarks.record import store
+from benchmarks.shot_job import moving_scene
 from ssgi_addon.bpy_module import require_bpy
 from ssgi_addon.exr import read_layers
 from ssgi_addon.job_options import RENDERED
@@ -33,8 +34,6 @@ from ssgi_addon.job_options import RENDERED
 NAMES = ("bridge_garden", "bathroom", "classroom")
 SIZE = (320, 180)
 FRAME, FRAMES = 3, (1, 2, 3)
-# Of the camera from frame to frame: scene units to the right, and radians.
-_STEP, _TURN = 0.02, 0.01
 # What presets leave out, so that what is planned, and rendered beside the frame, is compared, too
 WITH_VIEWS = {"mirrors_only": False, "surround": 128, "stations": 4, "back_faces": True, "budget": 1000.0}
 METHODS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -71,8 +70,7 @@ def main() -> None:
     parser.add_argument("--step", help="do one step here, given as JSON")
     arguments = parser.parse_args()
     if arguments.step:
-        step = json.loads(arguments.step)
-        {"move": _save_with_a_move, "render": _render}[step.pop("do")](**step)
+        _render(**json.loads(arguments.step))
         return
     parameters = {"size": arguments.size, "frame": FRAME, "after": FRAMES, "views": WITH_VIEWS}
     results: dict[str, dict[str, dict[str, Any]]] = {}
@@ -80,8 +78,7 @@ def main() -> None:
         results = json.loads(arguments.output.read_text())["results"]
     with tempfile.TemporaryDirectory() as folder:
         for name in arguments.scenes:
-            blend = Path(folder) / f"{name}.blend"
-            _run({"do": "move", "source": str(SCENES / f"{name}.blend"), "target": str(blend)})
+            blend = moving_scene(name, Path(folder), max(FRAMES), at=FRAME)
             for method in arguments.methods:
                 found = _compared(blend, method, arguments.size, arguments.cases)
                 results.setdefault(name, {})[method] = found
@@ -119,7 +116,7 @@ def _compared(blend: Path, method: str, size: tuple[int, int], cases: list[str])
     for case in ("alone", *cases):
         changes, busy, environment = CASES[case]
         with tempfile.TemporaryDirectory() as folder, _busy_cores(busy):
-            step = {"do": "render", "blend": str(blend), "method": method, "size": size, "output": folder}
+            step = {"blend": str(blend), "method": method, "size": size, "output": folder}
             _run({**step, **changes}, environment)
             layers[case] = read_layers(Path(folder) / f"{blend.stem}_{FRAME:04d}.exr")
         if case != "alone":
@@ -156,35 +153,6 @@ def _run(step: Mapping[str, Any], environment: Mapping[str, str] | None = None) 
     done = subprocess.run(command, cwd=ROOT, env=own, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     if done.returncode:
         raise SystemExit(done.stdout.decode(errors="replace"))
-
-
-def _save_with_a_move(source: str, target: str) -> None:
-    """Save a scene whose camera walks, and turns, from the first frame to the last."""
-    require_bpy()
-    import bpy
-    from mathutils import Quaternion, Vector
-
-    from ssgi_addon.blender.scene_file import open_scene
-
-    open_scene(Path(source))
-    scene = bpy.context.scene
-    camera = scene.camera
-    pose = camera.matrix_world.copy()
-    camera.animation_data_clear()
-    camera.constraints.clear()
-    camera.parent = None
-    camera.rotation_mode = "QUATERNION"
-    for frame in FRAMES:
-        moved = pose.copy()
-        moved.translation += pose.to_3x3() @ Vector((_STEP * (frame - FRAME), 0.0, 0.0))
-        camera.location = moved.translation
-        camera.rotation_quaternion = pose.to_quaternion() @ Quaternion(
-            (0.0, 1.0, 0.0), _TURN * (frame - FRAME)
-        )
-        camera.keyframe_insert("location", frame=frame)
-        camera.keyframe_insert("rotation_quaternion", frame=frame)
-    scene.frame_set(FRAMES[0])
-    bpy.ops.wm.save_as_mainfile(filepath=target, copy=True)
 
 
 def _render(

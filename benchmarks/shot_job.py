@@ -127,10 +127,13 @@ def worker_environment(folder: Path, **changes: str) -> Mapping[str, str]:
     return environment(**{name: str(place) for name, place in own.items()}, **changes)
 
 
-def moving_scene(name: str, folder: Path, count: int) -> Path:
-    """Save a scene of `SSGI_SCENES` with a camera that moves over so many frames; return the file."""
+def moving_scene(name: str, folder: Path, count: int, at: int = 1) -> Path:
+    """Save a scene of `SSGI_SCENES` with a camera that moves over so many frames; return the file.
+
+    At frame `at` the camera is where it was.
+    """
     path = folder / f"{name}.blend"
-    run_module("benchmarks.shot_job", str(SCENES / path.name), str(path), str(count))
+    run_module("benchmarks.shot_job", str(SCENES / path.name), str(path), str(count), str(at))
     return path
 
 
@@ -144,7 +147,7 @@ def run(command: Sequence[str], env: Mapping[str, str]) -> str:
     return done.stdout
 
 
-def _save_with_a_move(source: Path, target: Path, count: int) -> None:
+def _save_with_a_move(source: Path, target: Path, count: int, at: int) -> None:
     """Save a scene whose camera walks, and turns, from the first frame to the last."""
     require_bpy()
     import bpy
@@ -163,7 +166,7 @@ def _save_with_a_move(source: Path, target: Path, count: int) -> None:
         marker.camera = None
     scene.frame_start, scene.frame_end = 1, count
     for frame in range(1, count + 1):
-        steps = frame - 1
+        steps = frame - at
         turn = Matrix.Rotation(_TURN * steps, 4, "Y")
         camera.matrix_world = pose @ Matrix.Translation((_STEP * steps, 0.0, 0.0)) @ turn
         camera.keyframe_insert("location", frame=frame)
@@ -173,6 +176,6 @@ def _save_with_a_move(source: Path, target: Path, count: int) -> None:
 
 
 if __name__ == "__main__":
-    _save_with_a_move(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]))
+    _save_with_a_move(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4]))
     sys.stdout.flush()
     os._exit(0)  # how Blender ends as a module does not matter

@@ -11,7 +11,7 @@ from typing import Any
 from .errors import SSGIError
 from .files import check_writable, discard_abandoned
 from .job_options import JobOptions
-from .manifest import FOLDER, read_manifest
+from .manifest import manifest_of, read_manifest
 from .recipe import Recipe, named_differences, recipe_hash, recipe_of
 
 Record = dict[str, Any]
@@ -61,8 +61,15 @@ def finished_frames(options: JobOptions, stems: Mapping[int, str], recipe: Recip
     """
     if options.overwrite or not options.resume:
         return {}
-    done = [frame for frame, stem in stems.items() if _is_finished(options, stem, recipe)]
-    return {frame: _skipped(_manifest(options, stems[frame])["record"]) for frame in done}
+    wanted = recipe_hash(recipe)
+    manifests = {frame: read_manifest(manifest_of(options.output, stem)) for frame, stem in stems.items()}
+    return {
+        frame: _skipped(manifest["record"])
+        for frame, manifest in manifests.items()
+        if manifest.get("settings_hash") == wanted
+        and isinstance(manifest.get("record"), dict)
+        and _is_whole(options, stems[frame], recipe)
+    }
 
 
 def was_skipped(record: Record) -> bool:
@@ -70,11 +77,8 @@ def was_skipped(record: Record) -> bool:
     return SKIPPED in record.get("skipped", ())
 
 
-def _is_finished(options: JobOptions, stem: str, recipe: Recipe) -> bool:
-    """Whether all that is written of a frame is there; each kind's last file stands for the others."""
-    manifest = _manifest(options, stem)
-    if manifest.get("settings_hash") != recipe_hash(recipe) or not isinstance(manifest.get("record"), dict):
-        return False
+def _is_whole(options: JobOptions, stem: str, recipe: Recipe) -> bool:
+    """Whether all results of a frame are there; each kind's last file stands for the others."""
     if recipe_of(options.output / f"{stem}.exr") != recipe:
         return False
     if options.save_passes and not (options.output / "passes" / f"{stem}.json").exists():
@@ -99,10 +103,6 @@ def _check_names(stems: Mapping[int, str]) -> None:
             raise SSGIError(
                 f"the name {stem}.exr is too long for a file: save the scene under a shorter name"
             )
-
-
-def _manifest(options: JobOptions, stem: str) -> Record:
-    return read_manifest(options.output / FOLDER / f"{stem}.json")
 
 
 def _skipped(record: Record) -> Record:

@@ -29,7 +29,12 @@ FORMAT, VERSION = "ssgi-frame", 1
 
 def manifest_path(output: Path, name: str, frame: int) -> Path:
     """Return where the manifest of a frame of the scene `name` lies."""
-    return output / FOLDER / f"{stem(name, frame)}.json"
+    return manifest_of(output, stem(name, frame))
+
+
+def manifest_of(output: Path, files: str) -> Path:
+    """Return where the manifest of the frame lies whose files are called `files`, but for their endings."""
+    return output / FOLDER / f"{files}.json"
 
 
 def stem(name: str, frame: int) -> str:

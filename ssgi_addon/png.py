@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from .core.camera import LARGEST_SIDE
 from .errors import SSGIError
 from .files import replacing
 
@@ -18,7 +19,6 @@ SIGNATURE = b"\x89PNG\r\n\x1a\n"
 FILTER_NONE, FILTER_UP = 0, 2
 # 8 bits a channel, red, green and blue, packed and filtered in the only ways there are, not interlaced
 _KIND = (8, 2, 0, 0, 0)
-_LARGEST_SIDE = 65536
 
 
 def write_png(path: Path | str, rgb: npt.NDArray[np.uint8]) -> None:
@@ -96,7 +96,7 @@ def read_png(path: Path | str) -> npt.NDArray[np.uint8]:
 def _decode(data: bytes) -> npt.NDArray[np.uint8]:
     chunks = _chunks(data)
     width, height, *kind = struct.unpack(">2I5B", chunks.get(b"IHDR", b""))
-    if tuple(kind) != _KIND or not (0 < width <= _LARGEST_SIDE and 0 < height <= _LARGEST_SIDE):
+    if tuple(kind) != _KIND or not (0 < width <= LARGEST_SIDE and 0 < height <= LARGEST_SIDE):
         raise ValueError("it is not of the kind that this program writes")
     size = height * (1 + 3 * width)
     # A few bytes may unpack to endlessly many

@@ -12,7 +12,6 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -113,6 +112,7 @@ class Shot:
         except (KeyError, TypeError, ValueError) as error:
             raise SSGIError(f"{self.path} is damaged ({error}): prepare it again (--overwrite)") from error
         self._read: dict[int, KeyFrame] = {}
+        self._views: dict[str, View] = {}
 
     def refuse_others(self, recipe: Recipe) -> None:
         """Raise an `SSGIError` where the shot was prepared for frames of another recipe."""
@@ -133,10 +133,6 @@ class Shot:
         if frame not in self._read:
             self._read[frame] = self._read_key(self._keys[frame])
         return self._read[frame]
-
-    @cached_property
-    def _views(self) -> dict[str, View]:
-        return {}
 
     def _read_key(self, data: Mapping[str, Any]) -> KeyFrame:
         beside = Beside(self.path.parent, None)

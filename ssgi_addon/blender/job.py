@@ -34,9 +34,9 @@ from .one_frame import (
 )
 from .prepare import shot_recipe
 from .prepared_world import PreparedWorld
-from .render_settings import find_view_layer
+from .render_settings import borrow_kept_data, find_view_layer
 from .restore import Restorer
-from .scene_file import content_hash, open_scene, refuse_unread_file
+from .scene_file import content_hash, opened_scene
 
 Progress = Callable[[float, str], None]
 
@@ -67,11 +67,8 @@ def run_job(scene_path: Path | None, options: JobOptions, progress: Progress | N
         If the scene cannot be opened or captured, or a result cannot be written.
     """
     check_writable(options.output)
-    if scene_path is None:
-        refuse_unread_file()
-    else:
-        open_scene(scene_path, enable_autoexec=options.enable_autoexec)
-    report, _ = render_frames(bpy.context.scene, options, progress, content_hash())
+    scene = opened_scene(scene_path, enable_autoexec=options.enable_autoexec)
+    report, _ = render_frames(scene, options, progress, content_hash())
     return report
 
 
@@ -108,9 +105,7 @@ def render_frames(
     elif options.keep_world and len(frames) > 1:
         kept = KeptWorld()
     with Restorer() as restorer:
-        if options.engine == "cycles":
-            # From frame to frame Cycles then builds anew what has changed alone
-            restorer.change(scene.render, use_persistent_data=True)
+        borrow_kept_data(restorer, scene, options.engine)
         for index, frame in enumerate(frames):
             job.render(frame, part(progress, index / len(frames), 1.0 / len(frames)), kept)
     if not frames:

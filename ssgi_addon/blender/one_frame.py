@@ -16,7 +16,7 @@ import numpy as np
 from .. import __version__
 from ..frame_samples import write_samples
 from ..job_options import BEYOND_FRAME, TOGETHER, JobOptions
-from ..manifest import manifest_path, stem, write_manifest
+from ..manifest import manifest_of, stem, write_manifest
 from ..passes import settings_to_json, write_passes
 from ..png import write_png
 from ..recipe import Recipe, recipe_hash
@@ -107,7 +107,7 @@ def render_one(
     exr_path, png_path = options.output / f"{name}.exr", options.output / f"{name}.png"
     shown = to_display(scene, picture.combined)
     write_png(png_path, shown)
-    camera = write_samples(picture, shown, manifest_path(options.output, scene_name(), frame))
+    camera = write_samples(picture, shown, manifest_of(options.output, name))
     write_picture(picture, exr_path, recipe)
     seconds["write"] = time.perf_counter() - writing
     seconds["total"] = time.perf_counter() - begun

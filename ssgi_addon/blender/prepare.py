@@ -21,9 +21,9 @@ from ..recipe import Recipe
 from .capture import CaptureOptions, capture_frame
 from .kept_world import KeptWorld
 from .one_frame import capture_options, made_with, part, versions
-from .render_settings import find_view_layer
+from .render_settings import borrow_kept_data, find_view_layer
 from .restore import Restorer
-from .scene_file import content_hash, open_scene, refuse_unread_file
+from .scene_file import content_hash, opened_scene
 
 Progress = Callable[[float, str], None]
 
@@ -60,11 +60,7 @@ def prepare_shot(
         are there and `overwrite` is off.
     """
     check_writable(options.output)
-    if scene_path is None:
-        refuse_unread_file()
-    else:
-        open_scene(scene_path, enable_autoexec=options.enable_autoexec)
-    scene = bpy.context.scene
+    scene = opened_scene(scene_path, enable_autoexec=options.enable_autoexec)
     recipe = shot_recipe(scene, options, content_hash())
     discard_abandoned(options.output)
     if (options.output / FILE).exists() and not options.overwrite:
@@ -111,8 +107,7 @@ def _prepare(
     begun = time.perf_counter()
     world, keys = _KeyWorld(), []
     with Restorer() as restorer:
-        if options.engine == "cycles":
-            restorer.change(scene.render, use_persistent_data=True)
+        borrow_kept_data(restorer, scene, options.engine)
         for index, frame in enumerate(frames):
             if options.engine == "cycles":
                 restorer.change(scene.cycles, seed=_FIRST_SEED + index, use_animated_seed=False)

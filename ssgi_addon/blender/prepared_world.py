@@ -55,8 +55,3 @@ class PreparedWorld(KeptWorld):
         """Return the fills of the key frames; of a Blender with a denoiser where the frame's is denoised."""
         fills = [key.fill for key in self._keys if key.fill is not None]
         return [other for other in fills if other.is_denoised == fill.is_denoised]
-
-    @property
-    def fills(self) -> int:
-        """How many fills the frame reads."""
-        return sum(key.fill is not None for key in self._keys)

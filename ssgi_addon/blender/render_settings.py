@@ -93,6 +93,12 @@ def borrow_scene(
     return layer
 
 
+def borrow_kept_data(restorer: Restorer, scene: bpy.types.Scene, engine: str) -> None:
+    """Let Cycles build anew from frame to frame what has changed alone; `engine` as in `JobOptions`."""
+    if engine == "cycles":
+        restorer.change(scene.render, use_persistent_data=True)
+
+
 def render_obstacle() -> str | None:
     """Return why no render of ours may begin in this process; None if it may."""
     if _is_rendering():

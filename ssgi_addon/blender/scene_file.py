@@ -45,7 +45,19 @@ def open_scene(path: Path, *, enable_autoexec: bool = False) -> None:
         ) from error
 
 
-def refuse_unread_file() -> None:
+def opened_scene(path: Path | None, *, enable_autoexec: bool = False) -> bpy.types.Scene:
+    """Return the scene that a command renders: of a file, or with None the open one.
+
+    Parameters and errors are those of `open_scene`.
+    """
+    if path is None:
+        _refuse_unread_file()
+    else:
+        open_scene(path, enable_autoexec=enable_autoexec)
+    return bpy.context.scene
+
+
+def _refuse_unread_file() -> None:
     """Raise where Blender went on with an empty file, for it could not read the one it was started with."""
     own_arguments = itertools.takewhile(lambda text: text not in ("-c", "--command"), sys.argv[1:])
     named = [text for text in own_arguments if text.endswith(".blend")]
