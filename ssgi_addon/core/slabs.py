@@ -232,10 +232,9 @@ class SlabTest:
         if self.stack.is_orthographic:
             return s
         q = state[Q0] + state[VQ] * s
-        with np.errstate(divide="ignore"):
-            distance: FloatArray = s / q
         # At the vanishing point rounding may leave less than nothing of q
-        return np.where(q > 0.0, distance, np.inf)
+        distance: FloatArray = np.divide(s, q, out=np.full_like(q, np.inf), where=q > 0.0)
+        return distance
 
 
 def _cells_from_origin(state: FloatArray) -> FloatArray:
